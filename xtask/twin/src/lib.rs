@@ -8,6 +8,7 @@
 //! | [`mcu`] | one microcontroller: core, memories and peripherals |
 //! | [`debugger`] | what a program under test sees of a debugger: semihosting |
 //! | [`statistics`] | cycles of each task: activations, longest execution time, longest response |
+//! | [`stops`] | where a debugger stops a node |
 //! | [`network`] | several microcontrollers on one bus |
 //! | [`Twin`] | all nodes of a vehicle and the world around them; [`run`] |
 //!
@@ -57,6 +58,7 @@ pub mod part;
 mod peripheral;
 mod silicon;
 pub mod statistics;
+pub mod stops;
 mod stores;
 mod twin;
 mod window;

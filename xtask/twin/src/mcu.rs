@@ -11,6 +11,7 @@ use crate::peripheral::{
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
+use crate::stops::{Footprint, Probe, Stop, Stops};
 use crate::stores::{Bytes, Settings, Watched, reaches_registers};
 use crate::window::{Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
@@ -140,6 +141,15 @@ struct Stuck {
     high: bool,
 }
 
+/// A run that the probe has stopped.
+#[derive(Clone, Copy, Debug)]
+struct Paused {
+    /// The cycle up to which it was to run.
+    limit: Cycles,
+    /// Whether a step is next.
+    steps: bool,
+}
+
 /// A running microcontroller.
 pub struct Mcu {
     image: Arc<Image>,
@@ -171,6 +181,9 @@ pub struct Mcu {
     trace: Option<Trace>,
     /// Stores to report with the trace.
     watched: Option<Watched>,
+    probe: Option<Box<Probe>>,
+    /// Where it goes on after a stop of the probe.
+    paused: Option<Paused>,
     debugger: Option<Debugger>,
     /// A debugger has enabled halting debug (C_DEBUGEN).
     debugged: bool,
@@ -272,6 +285,8 @@ impl Mcu {
             observer: Observer::default(),
             trace: None,
             watched: None,
+            probe: None,
+            paused: None,
             debugger: None,
             debugged: false,
             stuck: None,
@@ -308,6 +323,7 @@ impl Mcu {
             observer: self.observer.clone(),
             trace: None,
             watched: None,
+            probe: self.probe.clone(),
             debugger: self.debugger.clone(),
             resets: self.resets.clone(),
             ..*self
@@ -350,9 +366,18 @@ impl Mcu {
 
     /// Runs until `until` and past it by at most one instruction. Returns earlier if the program
     /// wrote to the CAN controller and the horizon of this node has thereby moved to an earlier
-    /// time.
+    /// time, or where [`Mcu::stop_at`] stops it. Then [`Mcu::stopped`] says so, and the next call goes on to the
+    /// time of this one.
     pub fn run_until(&mut self, until: SimTime) {
-        let mut limit = self.limit(until);
+        let mut limit = match self.paused.take() {
+            Some(Paused { limit, steps }) => {
+                if steps {
+                    self.step();
+                }
+                limit
+            }
+            None => self.limit(until),
+        };
         loop {
             if self.now >= self.shared.attention() {
                 let generation = self.generation;
@@ -368,13 +393,81 @@ impl Mcu {
             if self.now >= limit {
                 break;
             }
-            if self.stands_still() {
-                self.skip(limit);
-            } else {
+            let steps = !self.stands_still();
+            if self.probe.is_some() && self.stops_here(steps) {
+                self.paused = Some(Paused { limit, steps });
+                return;
+            }
+            if steps {
                 self.step();
+            } else {
+                self.skip(limit);
             }
         }
         self.check_core();
+    }
+
+    /// Lets a debugger stop it from now on, and count its steps: instructions and exception entries.
+    pub fn attach_probe(&mut self) {
+        let flash = self.image.part().flash.size as usize;
+        self.probe = Some(Box::new(Probe::new(flash)));
+        lock(&self.shared.peripherals).notes_writes = true;
+    }
+
+    /// Takes the debugger away. The run goes on.
+    pub fn detach_probe(&mut self) {
+        self.probe = None;
+        lock(&self.shared.peripherals).notes_writes = false;
+    }
+
+    /// It stops there from now on, if a probe is attached.
+    pub fn stop_at(&mut self, stops: Stops) {
+        if let Some(probe) = &mut self.probe {
+            probe.set_stops(stops);
+        }
+    }
+
+    /// Why it stands still in the middle of a run, if it does. Only [`Mcu::run_until`] lets it go on.
+    #[must_use]
+    pub fn stopped(&self) -> Option<Stop> {
+        self.paused?;
+        self.probe.as_ref()?.stop
+    }
+
+    /// The steps that it has carried out since the probe was attached.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.probe.as_ref().map_or(0, |probe| probe.steps)
+    }
+
+    /// What it has passed since the last call, if a probe is attached.
+    pub fn take_footprint(&mut self) -> Option<Footprint> {
+        self.probe.as_mut().map(|probe| probe.take_footprint())
+    }
+
+    /// Whether the probe stops it before its next step, or while it has none.
+    fn stops_here(&mut self, steps: bool) -> bool {
+        let Some(mut probe) = self.probe.take() else {
+            return false;
+        };
+        let limit = |time| self.limit(time);
+        let stops = probe.stops_at_write()
+            || steps
+                && (probe.stops_before_step(self.now, self.generation, limit)
+                    || self.stops_before_instruction(&mut probe));
+        self.probe = Some(probe);
+        stops
+    }
+
+    fn stops_before_instruction(&self, probe: &mut Probe) -> bool {
+        if self.core.reset_pending() {
+            return false;
+        }
+        let at = self.core.pc();
+        let offset = at.wrapping_sub(self.image.part().flash.base) as usize;
+        let code = || code(&self.image, &self.memories, at);
+        let access = probe.decoder().access(&self.core, offset, code);
+        probe.stops_before(at, access)
     }
 
     /// Runs for a span of time.
@@ -444,6 +537,7 @@ impl Mcu {
             flash.set_control(peripherals.flash_control());
         }
         let written = std::mem::take(&mut peripherals.can_written);
+        let stored = std::mem::take(&mut peripherals.written);
         let reached = std::mem::take(&mut peripherals.reached);
         let moved = std::mem::take(&mut peripherals.moved);
         let clock = peripherals.clock();
@@ -454,6 +548,11 @@ impl Mcu {
         let moved: Vec<_> = moved.collect();
         peripherals.attended();
         shared.set_attention(peripherals.next_event());
+        if let Some(probe) = &mut self.probe {
+            for bytes in stored {
+                probe.wrote(bytes);
+            }
+        }
         for (controller, unit, word) in reached {
             self.show_transfer(controller, unit, word);
         }
@@ -553,6 +652,9 @@ impl Mcu {
     fn step(&mut self) {
         let at = self.trace.is_some().then(|| self.core.pc());
         self.poke = false;
+        if let Some(probe) = &mut self.probe {
+            probe.steps += 1;
+        }
         self.shared.set_now(self.now);
         if self.debugged && (self.serve_debugger_call() || self.load_debug_control()) {
             return;
@@ -589,6 +691,12 @@ impl Mcu {
                 // before the exception would lose its flags (ARMv7-M manual B1.5.7,
                 // ExecuteFPCheck).
                 self.core.set_fpscr(fpscr);
+            }
+            if matches!(switch, Switch::Enter(_)) && self.probe.is_some() {
+                let frame = self.frame();
+                if let Some(probe) = &mut self.probe {
+                    probe.wrote(frame);
+                }
             }
             if let Some(at) = at {
                 self.show(at, switch);

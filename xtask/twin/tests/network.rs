@@ -4,9 +4,11 @@ mod program;
 
 use can_bus::{Frame, RecordKind, SimTime};
 use program::Program;
+use std::collections::BTreeSet;
 use twin::mcu::Board;
 use twin::network::Network;
 use twin::part::{Part, Pin};
+use twin::stops::{Stop, Stops, Watch, Watched};
 
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
@@ -186,4 +188,121 @@ fn a_copy_has_memory_of_its_own() {
     let copy = network.copy();
     assert!(network.node_mut(0).set_memory(0x2000_0000, b"changed"));
     assert_eq!(copy.node(0).memory(0x2000_0000, 7), Some(vec![0; 7]));
+}
+
+/// Where the receiver handles its interrupt.
+fn handler(network: &Network) -> u32 {
+    let vector = network.node(1).memory(0x0800_0000 + 4 * (16 + 20), 4);
+    u32::from_le_bytes(vector.unwrap().try_into().unwrap()) & !1
+}
+
+/// What a run leaves behind that a stop could disturb.
+fn traces(network: &mut Network) -> impl PartialEq + std::fmt::Debug {
+    let records = network.bus().drain_records();
+    let nodes = [0, 1].map(|node| {
+        let mcu = network.node_mut(node);
+        (mcu.cycles(), mcu.drain_pins(), mcu.memory(0x2000_1000, 4))
+    });
+    (records, nodes)
+}
+
+#[test]
+fn a_run_with_stops_is_the_run_without_them() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut plain = powered(true, 300_000);
+    plain.run_until(end);
+    let mut stopped = powered(true, 300_000);
+    stopped.node_mut(1).attach_probe();
+    let mut stops = 0;
+    loop {
+        let step = stopped.node(1).steps() + 7;
+        stopped.node_mut(1).stop_at(Stops {
+            step: Some(step),
+            ..Stops::default()
+        });
+        if stopped.run_to_stop(end) {
+            break;
+        }
+        stops += 1;
+        assert_eq!(stopped.node(1).stopped(), Some(Stop::Step));
+        assert_eq!(stopped.node(1).steps(), step);
+        assert!(stopped.now() <= stopped.node(1).now(), "the bus waits");
+    }
+    assert!(stops > 3, "{stops}");
+    assert_eq!(traces(&mut stopped), traces(&mut plain));
+}
+
+#[test]
+fn a_node_stops_at_a_breakpoint_and_before_a_watched_access() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut network = powered(true, 0);
+    network.node_mut(1).attach_probe();
+    let written = Watch {
+        first: 0x2000_1002,
+        last: 0x2000_1002,
+        kind: Watched::Writes,
+    };
+    let read = Watch {
+        kind: Watched::Reads,
+        ..written
+    };
+    let at = handler(&network);
+    network.node_mut(1).stop_at(Stops {
+        breakpoints: BTreeSet::from([at]),
+        watches: BTreeSet::from([written, read]),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Breakpoint));
+    assert_eq!(
+        (network.node(1).pc(), network.node(1).exception()),
+        (at, 36)
+    );
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Access(written)));
+    assert_eq!(network.node(1).memory(0x2000_1000, 4), Some(vec![0; 4]));
+    assert!(network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), None);
+    let data = network.node(1).memory(0x2000_1000, 4);
+    assert_eq!(data.as_deref(), Some(&b"seed"[..]));
+
+    let footprint = network.node_mut(1).take_footprint().unwrap();
+    let of = |watch| Stops {
+        watches: BTreeSet::from([watch]),
+        ..Stops::default()
+    };
+    assert!(footprint.may_meet(&of(written)));
+    assert!(!footprint.may_meet(&of(read)));
+}
+
+#[test]
+fn a_node_stops_where_a_core_saves_registers_and_at_a_time() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut network = powered(true, 0);
+    network.node_mut(1).attach_probe();
+    // The top of the stack is at 0x2000_2000.
+    let frame = Watch {
+        first: 0x2000_1FFC,
+        last: 0x2000_1FFF,
+        kind: Watched::Writes,
+    };
+    network.node_mut(1).stop_at(Stops {
+        watches: BTreeSet::from([frame]),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Written(frame)));
+    assert_eq!(network.node(1).pc(), handler(&network));
+
+    let mut network = powered(true, 0);
+    network.node_mut(0).attach_probe();
+    let time = SimTime::from_ticks(1_500 * US);
+    network.node_mut(0).stop_at(Stops {
+        time: Some(time),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(0).stopped(), Some(Stop::Time));
+    let late = network.node(0).now().as_ticks() - time.as_ticks();
+    assert!(late < US, "{late} ps");
 }

@@ -24,7 +24,7 @@ use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIMERS};
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
-use crate::stores::among;
+use crate::stores::{Bytes, among};
 use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, TimerOutput, interrupt};
 use rsemu::core::device::Device;
@@ -192,6 +192,10 @@ pub(crate) struct Peripherals {
     pub(crate) watched: Box<[u32]>,
     /// Such transfers: controller and stream or channel from zero on, and the word.
     pub(crate) reached: Vec<(usize, usize, u32)>,
+    /// Whether the bytes are noted that transfers write to.
+    pub(crate) notes_writes: bool,
+    /// Those bytes: the first and the last address.
+    pub(crate) written: Vec<Bytes>,
     /// Whether all transfers are noted.
     pub(crate) notes_transfers: bool,
     /// All of them: controller and stream or channel from zero on, when, and the address read.
@@ -267,6 +271,8 @@ impl Peripherals {
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
             watched: Box::default(),
+            notes_writes: false,
+            written: Vec::new(),
             notes_transfers: false,
             moved: Vec::new(),
             reached: Vec::new(),
@@ -308,6 +314,7 @@ impl Peripherals {
             || self.can_written
             || self.seen_generation != self.generation
             || !self.reached.is_empty()
+            || !self.written.is_empty()
     }
 
     /// The run loop has processed the peripherals.
@@ -1312,6 +1319,9 @@ impl Peripherals {
             self.moved.push((controller, unit, self.now, item.from));
         }
         let bytes = (item.to, item.to.saturating_add(item.to_size - 1));
+        if self.notes_writes {
+            self.written.push(bytes);
+        }
         let words = among(&self.watched, bytes);
         self.reached
             .extend(words.map(|word| (controller, unit, word)));
