@@ -395,6 +395,8 @@ impl Mcu {
             }
             let steps = !self.stands_still();
             if self.probe.is_some() && self.stops_here(steps) {
+                // What has been written says nothing about the next instruction, which may stop it again.
+                let steps = steps && !matches!(self.stopped_by(), Some(Stop::Written(_)));
                 self.paused = Some(Paused { limit, steps });
                 return;
             }
@@ -431,6 +433,10 @@ impl Mcu {
     #[must_use]
     pub fn stopped(&self) -> Option<Stop> {
         self.paused?;
+        self.stopped_by()
+    }
+
+    fn stopped_by(&self) -> Option<Stop> {
         self.probe.as_ref()?.stop
     }
 
@@ -451,10 +457,11 @@ impl Mcu {
             return false;
         };
         let limit = |time| self.limit(time);
-        let stops = probe.stops_at_write()
-            || steps
-                && (probe.stops_before_step(self.now, self.generation, limit)
-                    || self.stops_before_instruction(&mut probe));
+        let mut stops = probe.stops_at_write();
+        if !stops && steps {
+            stops = self.stops_before_instruction(&mut probe);
+            stops |= probe.stops_before_step(self.now, self.generation, limit);
+        }
         self.probe = Some(probe);
         stops
     }

@@ -215,7 +215,7 @@ impl Probe {
         self.stop.is_some()
     }
 
-    /// Whether the node stops before its next step, at this cycle. `limit` converts a time to the cycle from
+    /// Whether the number of steps or the time stops the node before its next step, at this cycle. `limit` converts a time to the cycle from
     /// which on it has come; it is asked once for each generation of the clock.
     #[inline]
     pub(crate) fn stops_before_step(
@@ -234,7 +234,9 @@ impl Probe {
             }
         }
         let stops = self.stops.step == Some(self.steps);
-        self.stop = stops.then_some(Stop::Step);
+        if stops {
+            self.stop = Some(Stop::Step);
+        }
         stops
     }
 
