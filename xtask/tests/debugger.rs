@@ -1,6 +1,9 @@
 //! The debugger of `sim --gdb`: a run with stops is the run without them, and earlier places are reached again.
 
 use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Read, Seek, Write};
+use std::net::TcpStream;
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::OnceLock;
 
 use object::{Object, ObjectSymbol};
@@ -215,4 +218,179 @@ fn a_change_holds_until_one_goes_back_behind_it() {
     assert_eq!(has(&replay), held);
     replay.go_to(seconds(1.5), &mut never);
     assert_eq!(has(&replay), held);
+}
+
+/// `sim --gdb`, waiting for gdb.
+struct Waiting {
+    child: Child,
+    messages: BufReader<ChildStderr>,
+    /// The image for gdb, and where gdb connects to.
+    image: String,
+    address: String,
+}
+
+impl Waiting {
+    fn new(arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+        command.args(["sim", "--gdb"]).args(arguments);
+        command.current_dir(Workspace::find().unwrap().root());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut messages = BufReader::new(child.stderr.take().unwrap());
+        let mut seen = String::new();
+        // The command for gdb: its program, the image, and "target remote" with the address.
+        let words: Vec<String> = loop {
+            let before = seen.len();
+            assert!(messages.read_line(&mut seen).unwrap() > 0, "{seen}");
+            let line = &seen[before..];
+            if line.trim().starts_with("gdb-multiarch") {
+                break line.split_whitespace().map(String::from).collect();
+            }
+        };
+        Self {
+            child,
+            messages,
+            image: words[1].clone(),
+            address: words[5].trim_matches('\'').to_owned(),
+        }
+    }
+
+    /// What it prints until its end, which is orderly.
+    fn end(mut self) -> (String, String) {
+        let (mut report, mut messages) = (String::new(), String::new());
+        let stdout = self.child.stdout.as_mut().unwrap();
+        stdout.read_to_string(&mut report).unwrap();
+        self.messages.read_to_string(&mut messages).unwrap();
+        assert!(self.child.wait().unwrap().success(), "{messages}");
+        (report, messages)
+    }
+}
+
+#[test]
+fn gdb_goes_forwards_and_backwards() {
+    if Command::new("gdb-multiarch")
+        .arg("--version")
+        .output()
+        .is_err()
+    {
+        eprintln!("skipped: there is no gdb-multiarch, the Debian package of this name");
+        return;
+    }
+    let waiting = Waiting::new(&["steering:0", "--seconds", "3"]);
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/gdb/session.gdb");
+    let mut gdb = Command::new("gdb-multiarch");
+    gdb.args(["-q", "-nx", "-batch", "-ex"]);
+    gdb.arg(format!("target remote {}", waiting.address));
+    gdb.args(["-x", script, &waiting.image]);
+    gdb.current_dir(Workspace::find().unwrap().root());
+    // Both outputs in their common order.
+    let mut output = tempfile::tempfile().unwrap();
+    gdb.stdout(output.try_clone().unwrap());
+    gdb.stderr(output.try_clone().unwrap());
+    gdb.status().unwrap();
+    let (_, messages) = waiting.end();
+    let mut text = String::new();
+    output.rewind().unwrap();
+    output.read_to_string(&mut text).unwrap();
+    let mut rest = &text[..];
+    for wanted in [
+        "first 1",
+        "INFO Start(Power)",
+        "Breakpoint 1, ",
+        "steps of the node",
+        "exception 36",
+        "back 1",
+        "again 1",
+        "The next continue halts there at the latest.",
+        "Old value = 17\nNew value = 24",
+        "Old value = 24\nNew value = 31",
+        "written 31",
+        "Old value = 31\nNew value = 24",
+        "Program received signal SIGTRAP",
+        "2.50",
+        "steering        2.5",
+        "north ",
+        "  controller ",
+        "INFO NotDone(Relay)",
+        "set 77 4711",
+        "undone 0",
+        "float 8",
+        "No more reverse-execution history.",
+        "in Reset ()",
+        "Program received signal SIGTRAP",
+        "1.025",
+        "[Inferior 1 (process 1) killed]",
+    ] {
+        let found = rest.find(wanted);
+        let at = found.unwrap_or_else(|| panic!("no {wanted:?} in\n{rest}\nof\n{text}"));
+        rest = &rest[at + wanted.len()..];
+    }
+    assert!(messages.ends_with("gdb has ended the run.\n"), "{messages}");
+}
+
+/// gdb's side of the connection.
+struct Client(TcpStream);
+
+impl Client {
+    fn send(&mut self, packet: &str) {
+        let sum = packet.bytes().fold(0_u8, u8::wrapping_add);
+        let packet = format!("${packet}#{sum:02x}");
+        self.0.write_all(packet.as_bytes()).unwrap();
+    }
+
+    /// The next packet that is no line for the console.
+    fn answer(&mut self) -> String {
+        loop {
+            let mut text = Vec::new();
+            while !text.contains(&b'#') {
+                let mut byte = [0];
+                self.0.read_exact(&mut byte).unwrap();
+                text.push(byte[0]);
+            }
+            self.0.read_exact(&mut [0; 2]).unwrap();
+            self.0.write_all(b"+").unwrap();
+            let text = String::from_utf8(text).unwrap();
+            let packet = text.trim_start_matches('+').trim_matches(['$', '#']);
+            if !packet.starts_with('O') || packet == "OK" {
+                return packet.to_owned();
+            }
+        }
+    }
+
+    fn ask(&mut self, packet: &str) -> String {
+        self.send(packet);
+        self.answer()
+    }
+}
+
+#[test]
+fn gdb_interrupts_reads_and_lets_go() {
+    let waiting = Waiting::new(&["gps:0", "--seconds", "1.5", "--until", "200 ms"]);
+    let mut gdb = Client(TcpStream::connect(&waiting.address).unwrap());
+    let supported = gdb.ask("qSupported:swbreak+;hwbreak+");
+    assert!(supported.contains("ReverseContinue+"), "{supported}");
+    let map = gdb.ask("qXfer:memory-map:read::0,1000");
+    // Repeated digits are sent as their number.
+    assert!(map.contains(r#"<memory type="rom" start="0x80"#), "{map}");
+    // An address and a register beyond the part, and the flash, which nothing writes.
+    assert_eq!(gdb.ask("m70000000,4"), "E79");
+    assert_eq!(gdb.ask("M8000000,1:00"), "E79");
+    // TIM2 counts; the registers of the reset and clock control have no side effects either.
+    let first = gdb.ask("m40000024,4");
+    assert!(!first.starts_with('E'), "{first}");
+    assert_eq!(gdb.ask("m40000024,4"), first);
+    assert_eq!(gdb.ask("me000ed00,4"), "41c20f41");
+
+    gdb.send("c");
+    gdb.0.write_all(&[3]).unwrap();
+    let stop = gdb.answer();
+    assert!(stop.starts_with("S02") || stop.starts_with("T02"), "{stop}");
+    // The rest of the run is that of `sim` without a debugger.
+    assert_eq!(gdb.ask("D"), "OK");
+    let (report, messages) = waiting.end();
+    assert!(messages.contains("the run goes on"), "{messages}");
+    assert!(
+        report.contains("straight-line, seed 1, 1.5 s simulated"),
+        "{report}"
+    );
 }

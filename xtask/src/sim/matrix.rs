@@ -73,6 +73,20 @@ impl Matrix {
             .map_or_else(Vec::new, |signal| self.changes(frames, signal))
     }
 
+    /// The names of the vehicle's modes; none if it has no modes.
+    pub(crate) fn mode_names(&self) -> Vec<String> {
+        let named = self.mode.iter().filter_map(|mode| {
+            let mut messages = self.network.messages.iter();
+            let message = messages.find(|message| message.name == mode.message)?;
+            let mut signals = message.signals.iter();
+            let signal = signals.find(|signal| signal.name == mode.signal)?;
+            let mut tables = self.network.value_tables.iter();
+            tables.find(|table| Some(&table.name) == signal.values.as_ref())
+        });
+        let values = named.flat_map(|table| &table.values);
+        values.map(|value| value.name.clone()).collect()
+    }
+
     /// The changes of what guides the vehicle, if rows may do so.
     pub(crate) fn guides(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
         self.guide

@@ -3,9 +3,12 @@
 pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
+mod gdb;
 pub(crate) mod matrix;
 mod sense;
 mod tasks;
+
+pub use gdb::Place;
 
 pub(crate) use faults::{Trouble, first as first_faults};
 
@@ -89,6 +92,26 @@ pub enum Error {
     /// The virtual vehicle cannot be built.
     #[error(transparent)]
     Twin(#[from] TwinError),
+    /// `--gdb`: the port cannot be taken.
+    #[error(
+        "port {port} of localhost cannot be used ({error}): --gdb NODE:PORT takes another one, NODE:0 any free one"
+    )]
+    Port {
+        /// The port.
+        port: u16,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+    /// `--until`: neither a time nor an event of this vehicle.
+    #[error("--until: {why}")]
+    Until {
+        /// What is wrong, and what is accepted.
+        why: String,
+    },
+    /// `--gdb`: nobody can connect.
+    #[error("gdb cannot connect: {0}")]
+    Connection(#[source] io::Error),
     /// The source of a node cannot be read.
     #[error("{}: {error}", path.display())]
     Source {
@@ -137,6 +160,8 @@ impl Error {
                 | Self::NoCommand { .. }
                 | Self::NoScenario { .. }
                 | Self::NeverOn { .. }
+                | Self::Port { .. }
+                | Self::Until { .. }
                 | Self::Folder(_)
         )
     }
@@ -180,6 +205,11 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     };
     let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
     switched_on(&vehicle, &scenario)?;
+    let debugger = options.gdb.as_ref().map(|place| {
+        let until = options.until.as_deref();
+        gdb::Session::new(&vehicle, place, until)
+    });
+    let debugger = debugger.transpose()?;
     if let Some(note) = options.seconds.and_then(|end| cut_off(&scenario, end)) {
         eprintln!("{note}");
     }
@@ -188,13 +218,17 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
     };
 
-    let finished = simulate(
-        workspace,
-        &vehicle,
-        &scenario,
-        options.seed,
-        options.seconds,
-    )?;
+    let (seed, seconds) = (options.seed, options.seconds);
+    let finished = match debugger {
+        None => simulate(workspace, &vehicle, &scenario, seed, seconds)?,
+        Some(session) => {
+            let length = seconds.unwrap_or_else(|| scenario.duration.span());
+            match session.run(workspace, &vehicle, &scenario, seed, length)? {
+                Some(twin) => finish(&vehicle, &scenario, seed, twin, None, time::at(length))?,
+                None => return Ok(()),
+            }
+        }
+    };
     finished.warn();
     let run = finished.run();
     let summary = finished.judged(&vehicle);
@@ -400,16 +434,29 @@ pub(crate) fn simulate<'s>(
     seed: u64,
     length: Option<SimDuration>,
 ) -> Result<Finished<'s>, Failure> {
-    let matrix = Matrix::new(vehicle);
     let images = images(workspace, vehicle)?;
+    let twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
+    let agreement = Agreement::new(&images);
+    let end = time::at(length.unwrap_or_else(|| scenario.duration.span()));
+    finish(vehicle, scenario, seed, twin, agreement, end)
+}
+
+/// Lets a vehicle run on to the end.
+fn finish<'s>(
+    vehicle: &Vehicle,
+    scenario: &'s Scenario,
+    seed: u64,
+    mut twin: Twin,
+    mut agreement: Option<Agreement>,
+    end: SimTime,
+) -> Result<Finished<'s>, Failure> {
+    let matrix = Matrix::new(vehicle);
     let start = Instant::now();
     let mut display = Display::new();
-    let mut twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
-    let mut agreement = Agreement::new(&images);
-    let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
+    let span = agreement::SPAN.as_ticks();
     while twin.now() < end {
-        twin.run_until(end.min(twin.now() + agreement::SPAN))
-            .map_err(Error::from)?;
+        let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
+        twin.run_until(end.min(next)).map_err(Error::from)?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }

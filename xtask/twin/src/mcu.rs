@@ -141,6 +141,31 @@ struct Stuck {
     high: bool,
 }
 
+/// The registers of a core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Registers {
+    /// r0 to r15. r13 is the stack pointer in use, r15 the address of the next instruction.
+    pub r: [u32; 16],
+    /// Flags, IT state and exception number.
+    pub xpsr: u32,
+    /// The main stack pointer.
+    pub msp: u32,
+    /// The process stack pointer.
+    pub psp: u32,
+    /// Masks exceptions with priorities that can be set.
+    pub primask: bool,
+    /// The priority from which on exceptions are masked.
+    pub basepri: u8,
+    /// Masks all exceptions but NMI.
+    pub faultmask: bool,
+    /// Stack and privileges in use.
+    pub control: u32,
+    /// s0 to s31.
+    pub s: [u32; 32],
+    /// Flags and modes of the floating-point unit.
+    pub fpscr: u32,
+}
+
 /// A run that the probe has stopped.
 #[derive(Clone, Copy, Debug)]
 struct Paused {
@@ -1312,6 +1337,63 @@ impl Mcu {
     /// Sets a core register, for programs that do not start at their reset handler.
     pub fn set_register(&mut self, index: u8, value: u32) {
         self.core.set_reg(index, value);
+    }
+
+    /// All registers of the core.
+    #[must_use]
+    pub fn registers(&self) -> Registers {
+        let core = self.core.regs();
+        let mut s = [0; 32];
+        for (value, index) in s.iter_mut().zip(0..) {
+            *value = self.core.s(index);
+        }
+        Registers {
+            r: core.r,
+            xpsr: core.xpsr,
+            msp: core.msp,
+            psp: core.psp,
+            primask: core.primask,
+            basepri: core.basepri,
+            faultmask: core.faultmask,
+            control: core.control,
+            s,
+            fpscr: self.core.fpscr(),
+        }
+    }
+
+    /// Sets all registers of the core. Of a stack pointer that is given twice, r13 counts if it differs from the
+    /// present one.
+    pub fn set_registers(&mut self, registers: &Registers) {
+        let mut core = self.core.regs();
+        let (before, process) = (core.r[13], core.r[13] == core.psp && core.msp != core.psp);
+        core.r = registers.r;
+        core.xpsr = registers.xpsr;
+        core.msp = registers.msp;
+        core.psp = registers.psp;
+        if registers.r[13] != before {
+            let stack = if process {
+                &mut core.psp
+            } else {
+                &mut core.msp
+            };
+            *stack = registers.r[13];
+        }
+        core.primask = registers.primask;
+        core.basepri = registers.basepri;
+        core.faultmask = registers.faultmask;
+        core.control = registers.control;
+        self.core.set_regs(core);
+        for (value, index) in registers.s.iter().zip(0..) {
+            self.core.set_s(index, *value);
+        }
+        self.core.set_fpscr(registers.fpscr);
+    }
+
+    /// Reads a word of the system control space (0xE000_E000 to 0xE000_EFFF) as a debugger does, without side
+    /// effects. `None` for addresses without a register.
+    #[must_use]
+    pub fn system_word(&self, address: u32) -> Option<u32> {
+        self.core.with_sys(|sys| sys.read_word(address, true))
     }
 
     /// The exception being handled; 0 is thread mode.

@@ -25,6 +25,12 @@ const NEAR: u64 = 2000;
 pub trait Companion: Clone {
     /// The vehicle has run by a step. `fresh` tells whether it is here for the first time.
     fn accompany(&mut self, twin: &mut Twin, fresh: bool);
+
+    /// What goes on from here when one has gone back.
+    #[must_use]
+    fn keep(&self) -> Self {
+        self.clone()
+    }
 }
 
 impl Companion for () {
@@ -150,7 +156,13 @@ impl<C: Companion> Replay<C> {
     }
 
     /// The companion of the run.
-    pub fn companion(&mut self) -> &mut C {
+    #[must_use]
+    pub fn companion(&self) -> &C {
+        &self.companion
+    }
+
+    /// The companion of the run.
+    pub fn companion_mut(&mut self) -> &mut C {
         &mut self.companion
     }
 
@@ -337,7 +349,7 @@ impl<C: Companion> Replay<C> {
     fn mark(&self, changed: bool) -> Mark<C> {
         Mark {
             twin: self.twin.copy(),
-            companion: self.companion.clone(),
+            companion: self.companion.keep(),
             steps: self.steps(),
             records: self.records.len(),
             footprint: Footprint::default(),

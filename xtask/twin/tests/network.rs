@@ -306,3 +306,31 @@ fn a_node_stops_where_a_core_saves_registers_and_at_a_time() {
     let late = network.node(0).now().as_ticks() - time.as_ticks();
     assert!(late < US, "{late} ps");
 }
+
+#[test]
+fn a_debugger_sees_and_sets_all_registers() {
+    let mut network = powered(true, 0);
+    network.run_until(SimTime::from_ticks(MS));
+    let mcu = network.node_mut(1);
+    let mut registers = mcu.registers();
+    assert_eq!(registers.r[15], mcu.pc());
+    assert_eq!(registers.r[13], registers.msp);
+    for (number, value) in (0..).zip(&mut registers.s) {
+        *value = 100 + number;
+    }
+    registers.r[..13].copy_from_slice(&core::array::from_fn::<u32, 13, _>(|r| r as u32));
+    registers.r[13] = 0x2000_0800;
+    registers.basepri = 0x40;
+    registers.fpscr = 1 << 31;
+    mcu.set_registers(&registers);
+    registers.msp = 0x2000_0800;
+    assert_eq!(mcu.registers(), registers);
+    registers.psp = 0x2000_0C00;
+    mcu.set_registers(&registers);
+    assert_eq!(mcu.registers(), registers);
+    // CPUID of a Cortex-M4.
+    assert_eq!(
+        mcu.system_word(0xE000_ED00).map(|id| id >> 4 & 0xFFF),
+        Some(0xC24)
+    );
+}
