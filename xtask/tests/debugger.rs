@@ -118,6 +118,20 @@ fn a_run_with_stops_and_returns_is_the_run_without_them() {
     }
     assert_eq!(replay.forwards(stops, &mut never), Halt::End);
     assert!(plain.records() == replay.records());
+
+    // Over spans that are known, the way is short.
+    let last = places.last().unwrap();
+    assert_eq!(
+        replay.backwards(&breakpoint(0), &mut never),
+        Halt::Beginning
+    );
+    assert!(replay.records().is_empty());
+    replay.go_to(last.1, &mut never);
+    assert!(place(&replay) == *last);
+    assert!(plain.records().starts_with(replay.records()));
+    assert!(replay.records().len() > plain.records().len() / 2);
+    assert_eq!(replay.forwards(breakpoint(0), &mut never), Halt::End);
+    assert!(plain.records() == replay.records());
 }
 
 #[test]

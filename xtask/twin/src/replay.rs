@@ -84,7 +84,9 @@ pub struct Replay<C> {
     /// Index of the last mark before the present place.
     passed: usize,
     near: Option<Mark<C>>,
+    /// The records of the bus as far as the run has got, and how many of them there are at the present place.
     records: Vec<Record>,
+    recorded: usize,
     /// The time up to which everything has been seen.
     seen: SimTime,
     failed: Option<String>,
@@ -116,6 +118,7 @@ impl<C: Companion> Replay<C> {
             passed: 0,
             near: None,
             records: Vec::new(),
+            recorded: 0,
             seen: SimTime::from_ticks(0),
             failed: None,
         };
@@ -152,7 +155,7 @@ impl<C: Companion> Replay<C> {
     /// The records of the bus until now.
     #[must_use]
     pub fn records(&self) -> &[Record] {
-        &self.records
+        &self.records[..self.recorded]
     }
 
     /// The companion of the run.
@@ -171,8 +174,7 @@ impl<C: Companion> Replay<C> {
         let mcu = self.twin.node_mut(self.node);
         let result = act(mcu);
         let footprint = mcu.take_footprint().unwrap_or_default();
-        self.marks.truncate(self.passed + 1);
-        self.near = None;
+        self.forget_from(self.passed + 1, self.recorded);
         self.seen = self.seen.min(self.twin.now());
         let mark = self.mark(true);
         let last = &mut self.marks[self.passed];
@@ -193,9 +195,10 @@ impl<C: Companion> Replay<C> {
         // Changes that have been made later on are undone.
         let ahead = self.passed + 1;
         if let Some(changed) = self.marks[ahead..].iter().position(|mark| mark.changed) {
-            self.marks.truncate(ahead + changed);
-            self.near = None;
+            let records = self.marks[ahead + changed].records;
+            self.forget_from(ahead + changed, records);
         }
+        self.leap(&stops);
         self.run(stops, interrupted)
     }
 
@@ -267,6 +270,7 @@ impl<C: Companion> Replay<C> {
     #[must_use]
     pub fn into_twin(mut self) -> Twin {
         self.twin.node_mut(self.node).detach_probe();
+        self.records.truncate(self.recorded);
         self.twin.restore_records(self.records);
         self.twin
     }
@@ -329,7 +333,30 @@ impl<C: Companion> Replay<C> {
         }
     }
 
-    /// Goes back to a mark.
+    /// Leaps forwards over spans that the run has gone through before, and in which the node stops nowhere.
+    fn leap(&mut self, stops: &Stops) {
+        let mut to = self.passed;
+        while let Some(next) = self.marks.get(to + 1) {
+            let before = stops.time.is_none_or(|time| next.at() <= time)
+                && stops.step.is_none_or(|step| next.steps <= step);
+            if !before || self.marks[to].footprint.may_meet(stops) {
+                break;
+            }
+            to += 1;
+        }
+        if to > self.passed {
+            self.load(to);
+        }
+    }
+
+    /// Forgets marks and records from these on: the run will be another one.
+    fn forget_from(&mut self, mark: usize, records: usize) {
+        self.marks.truncate(mark);
+        self.records.truncate(records);
+        self.near = None;
+    }
+
+    /// Goes to a mark.
     fn load(&mut self, number: usize) {
         let mark = self.marks.swap_remove(number);
         self.restore(&mark);
@@ -342,7 +369,7 @@ impl<C: Companion> Replay<C> {
     fn restore(&mut self, mark: &Mark<C>) {
         self.twin = mark.twin.copy();
         self.companion = mark.companion.clone();
-        self.records.truncate(mark.records);
+        self.recorded = mark.records;
         self.failed = None;
     }
 
@@ -351,7 +378,7 @@ impl<C: Companion> Replay<C> {
             twin: self.twin.copy(),
             companion: self.companion.keep(),
             steps: self.steps(),
-            records: self.records.len(),
+            records: self.recorded,
             footprint: Footprint::default(),
             changed,
         }
@@ -393,7 +420,11 @@ impl<C: Companion> Replay<C> {
         let now = self.twin.now();
         self.companion.accompany(&mut self.twin, now > self.seen);
         self.seen = self.seen.max(now);
-        self.records.extend(self.twin.take_records_so_far());
+        let records = self.twin.take_records_so_far();
+        if self.recorded == self.records.len() {
+            self.records.extend_from_slice(&records);
+        }
+        self.recorded += records.len();
         let next = self.passed + 1;
         match self.marks.get(next).map(|mark| (mark.at(), mark.changed)) {
             Some((at, false)) if at <= now => {
