@@ -341,8 +341,7 @@ pub enum Kind {
     cargo xtask sim --faults 200 --attacker        a node that knows the sources, but not the key: floods,\n                                                 \
     \x20 forged and replayed frames, destroyed ones\n  \
     cargo xtask sim --gdb controller               gdb debugs the controller, forwards and backwards:\n                                                 \
-    \x20 gdb-multiarch target/thumbv7em-none-eabihf/release/controller\n                                                 \
-    \x20 -ex 'target remote :3333', then `monitor help`\n  \
+    \x20 it prints the command for gdb-multiarch; then `monitor help`\n  \
     cargo xtask sim gps-lost --gdb steering:4444 --until mode:Idle\n                                                 \
     \x20 runs until the mode changes to Idle before gdb is let in\n\n\
     Experiments:\n  \

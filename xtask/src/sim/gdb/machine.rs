@@ -687,3 +687,80 @@ impl MonitorCmd for Machine<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Workspace, build};
+    use campaign::agreement::SPAN;
+    use twin::Twin;
+    use world::{Scenario, SimTime};
+
+    /// Where the node is: its steps, its exception and its program counter.
+    fn place(machine: &Machine<'_>) -> (u64, u16, u32) {
+        let mcu = machine.replay.mcu();
+        (mcu.steps(), mcu.exception(), mcu.pc())
+    }
+
+    fn ask(machine: &mut Machine<'_>, request: Request) -> Reason {
+        machine.request = Some(request);
+        loop {
+            // The log interrupts a run.
+            if let Some(reason) = machine.carry_out(&mut || false) {
+                return reason;
+            }
+            machine.take_lines();
+        }
+    }
+
+    #[test]
+    fn steps_pass_the_handlers_in_both_directions() {
+        let workspace = Workspace::find().unwrap();
+        let vehicle = crate::vehicle::find(&workspace, "uagv").unwrap();
+        let nodes: Vec<_> = vehicle.nodes().collect();
+        let images = build::read(&build::images(&workspace, &vehicle, &nodes).unwrap()).unwrap();
+        let scenario = Scenario::find(&vehicle, "straight-line").unwrap();
+        let twin = Twin::new(&vehicle, &scenario, 1, &images).unwrap();
+        let node = vehicle.find_node("steering").unwrap();
+        let journal = Journal::new(node, images.of(node));
+        let end = SimTime::from_ticks(2_000_000_000_000);
+        let replay = Replay::new(twin, journal, node, end, SPAN).unwrap();
+        let mut machine = Machine::new(replay, &vehicle, node);
+        machine.until = Some(Until::Time(SimTime::from_ticks(1_000_000_000_000)));
+        assert_eq!(
+            ask(&mut machine, Request::Continue),
+            Reason::Signal(Signal::SIGTRAP)
+        );
+
+        // In a handler of low priority, until another one has come between two of its instructions.
+        let housekeeping = 16 + 8;
+        let (address, _) = machine.replay.mcu().image().handler(housekeeping).unwrap();
+        let mut places: Vec<(u64, u16, u32)> = Vec::new();
+        let passed = |places: &[(u64, u16, u32)]| {
+            let mut pairs = places.windows(2);
+            pairs.any(|pair| pair[1].0 > pair[0].0 + 1)
+        };
+        while !passed(&places) {
+            if machine.replay.mcu().exception() != housekeeping {
+                places.clear();
+                machine.hardware.insert(address);
+                assert_eq!(ask(&mut machine, Request::Continue), Reason::HwBreak(()));
+                machine.hardware.clear();
+            }
+            assert_eq!(ask(&mut machine, Request::Step), Reason::DoneStep);
+            places.push(place(&machine));
+            let old = places.len().saturating_sub(30);
+            places.drain(..old);
+        }
+        for _ in 0..10 {
+            assert_eq!(ask(&mut machine, Request::Step), Reason::DoneStep);
+            places.push(place(&machine));
+        }
+        for wanted in places.iter().rev().skip(1) {
+            assert_eq!(ask(&mut machine, Request::StepBack), Reason::DoneStep);
+            // Before or behind the handlers that come before an instruction, which is the same to gdb.
+            let (_, exception, pc) = place(&machine);
+            assert_eq!((exception, pc), (wanted.1, wanted.2), "{places:?}");
+        }
+    }
+}
