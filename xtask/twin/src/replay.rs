@@ -198,7 +198,9 @@ impl<C: Companion> Replay<C> {
             let records = self.marks[ahead + changed].records;
             self.forget_from(ahead + changed, records);
         }
-        self.leap(&stops);
+        if self.leap(&stops) && interrupted(self) {
+            return Halt::Interrupted;
+        }
         self.run(stops, interrupted)
     }
 
@@ -333,8 +335,9 @@ impl<C: Companion> Replay<C> {
         }
     }
 
-    /// Leaps forwards over spans that the run has gone through before, and in which the node stops nowhere.
-    fn leap(&mut self, stops: &Stops) {
+    /// Leaps forwards over spans that the run has gone through before, and in which the node stops nowhere. True if
+    /// there are some.
+    fn leap(&mut self, stops: &Stops) -> bool {
         let mut to = self.passed;
         while let Some(next) = self.marks.get(to + 1) {
             let before = stops.time.is_none_or(|time| next.at() <= time)
@@ -344,9 +347,11 @@ impl<C: Companion> Replay<C> {
             }
             to += 1;
         }
-        if to > self.passed {
+        let leaps = to > self.passed;
+        if leaps {
             self.load(to);
         }
+        leaps
     }
 
     /// Forgets marks and records from these on: the run will be another one.

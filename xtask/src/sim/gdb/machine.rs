@@ -47,6 +47,8 @@ use super::{
 /// Why the node stands still, as gdb is told.
 pub(super) type Reason = SingleThreadStopReason<u32>;
 
+const LOCKUP: &str = "The core is in lockup, a fault that no handler can take: reverse-stepi goes to its last instruction.";
+
 /// Handlers that may run between two steps of the code below before the second one is given up.
 const HANDLERS: usize = 100;
 
@@ -129,10 +131,10 @@ impl<'v> Machine<'v> {
     /// if that is not done yet.
     pub(super) fn carry_out(&mut self, called: &mut dyn FnMut() -> bool) -> Option<Reason> {
         let request = self.request?;
-        let mut interrupted = false;
+        let was_locked = self.replay.mcu().is_locked_up();
         let mut pause = |replay: &Replay<Journal>| {
-            interrupted = called();
-            interrupted || replay.companion().has_fresh()
+            let locked = !was_locked && replay.mcu().is_locked_up();
+            called() || locked || replay.companion().has_fresh()
         };
         let halt = match request {
             Request::Continue => self.go_on(&mut pause),
@@ -141,11 +143,15 @@ impl<'v> Machine<'v> {
             Request::ContinueBack => self.go_back(&mut pause),
             Request::StepBack => self.step_back_over_handlers(&mut pause),
         };
+        if halt == Halt::Interrupted && !was_locked && self.replay.mcu().is_locked_up() {
+            self.give_up();
+            self.lines.push(LOCKUP.into());
+            return Some(Reason::Signal(Signal::SIGSEGV));
+        }
         if halt == Halt::Interrupted {
             return None;
         }
-        self.request = None;
-        self.watcher = None;
+        self.give_up();
         Some(self.reason(halt))
     }
 
@@ -693,6 +699,7 @@ mod tests {
     use super::*;
     use crate::{Workspace, build};
     use campaign::agreement::SPAN;
+    use can_bus::RecordKind;
     use twin::Twin;
     use world::{Scenario, SimTime};
 
@@ -713,25 +720,86 @@ mod tests {
         }
     }
 
-    #[test]
-    fn steps_pass_the_handlers_in_both_directions() {
+    fn uagv() -> Vehicle {
         let workspace = Workspace::find().unwrap();
-        let vehicle = crate::vehicle::find(&workspace, "uagv").unwrap();
+        crate::vehicle::find(&workspace, "uagv").unwrap()
+    }
+
+    /// The steering node of a run of two seconds, after the first one.
+    fn steering(vehicle: &Vehicle) -> Machine<'_> {
+        let workspace = Workspace::find().unwrap();
         let nodes: Vec<_> = vehicle.nodes().collect();
-        let images = build::read(&build::images(&workspace, &vehicle, &nodes).unwrap()).unwrap();
-        let scenario = Scenario::find(&vehicle, "straight-line").unwrap();
-        let twin = Twin::new(&vehicle, &scenario, 1, &images).unwrap();
+        let images = build::read(&build::images(&workspace, vehicle, &nodes).unwrap()).unwrap();
+        let scenario = Scenario::find(vehicle, "straight-line").unwrap();
+        let twin = Twin::new(vehicle, &scenario, 1, &images).unwrap();
         let node = vehicle.find_node("steering").unwrap();
         let journal = Journal::new(node, images.of(node));
         let end = SimTime::from_ticks(2_000_000_000_000);
         let replay = Replay::new(twin, journal, node, end, SPAN).unwrap();
-        let mut machine = Machine::new(replay, &vehicle, node);
+        let mut machine = Machine::new(replay, vehicle, node);
         machine.until = Some(Until::Time(SimTime::from_ticks(1_000_000_000_000)));
-        assert_eq!(
-            ask(&mut machine, Request::Continue),
-            Reason::Signal(Signal::SIGTRAP)
-        );
+        let reason = ask(&mut machine, Request::Continue);
+        assert_eq!(reason, Reason::Signal(Signal::SIGTRAP));
+        machine
+    }
 
+    #[test]
+    fn a_lockup_stops_the_run_once() {
+        let vehicle = uagv();
+        let mut machine = steering(&vehicle);
+        // Nothing can be fetched there, and the fault's handler is masked.
+        let mut registers = machine.replay.mcu().registers();
+        registers.faultmask = true;
+        registers.r[15] = 0x7000_0000;
+        machine.set_registers(&File(registers));
+        let reason = ask(&mut machine, Request::Continue);
+        assert_eq!(reason, Reason::Signal(Signal::SIGSEGV));
+        assert!(machine.take_lines().iter().any(|line| line == LOCKUP));
+        let ends =
+            |reason, wanted| matches!(reason, Reason::ReplayLog { pos, .. } if pos == wanted);
+        let reason = ask(&mut machine, Request::Continue);
+        assert!(ends(reason, ReplayLogPosition::End), "{reason:?}");
+        let reason = ask(&mut machine, Request::ContinueBack);
+        assert!(ends(reason, ReplayLogPosition::Begin), "{reason:?}");
+        assert!(!machine.replay.mcu().is_locked_up());
+    }
+
+    #[test]
+    fn a_run_halts_where_a_frame_begins() {
+        let vehicle = uagv();
+        let mut machine = steering(&vehicle);
+        let (command, from) = (300, machine.replay.twin().now());
+        machine.until = Some(Until::Frame(command));
+        let reason = ask(&mut machine, Request::Continue);
+        assert_eq!(reason, Reason::Signal(Signal::SIGTRAP));
+        assert_eq!(machine.until, None);
+        let halted = machine.replay.mcu().now();
+        machine.replay.go_to(halted + SPAN, &mut |_| false);
+        let begun = machine
+            .replay
+            .records()
+            .iter()
+            .find(|record| match &record.kind {
+                RecordKind::FrameStart { frame } => {
+                    let id = embedded_can::StandardId::new(command).map(embedded_can::Id::from);
+                    record.at > from && Some(frame.id()) == id
+                }
+                _ => false,
+            });
+        let late = halted.as_ticks() - begun.unwrap().at.as_ticks();
+        assert!(late <= 1_001_000_000, "{late} ps");
+        // Back in time by the same way as gdb.
+        machine.until = Some(Until::Time(from));
+        let reason = ask(&mut machine, Request::ContinueBack);
+        assert_eq!(reason, Reason::Signal(Signal::SIGTRAP));
+        let late = machine.replay.mcu().now().as_ticks() - from.as_ticks();
+        assert!(late <= 1_001_000_000, "{late} ps");
+    }
+
+    #[test]
+    fn steps_pass_the_handlers_in_both_directions() {
+        let vehicle = uagv();
+        let mut machine = steering(&vehicle);
         // In a handler of low priority, until another one has come between two of its instructions.
         let housekeeping = 16 + 8;
         let (address, _) = machine.replay.mcu().image().handler(housekeeping).unwrap();
