@@ -15,7 +15,7 @@ use vehicle_model::NodeIndex;
 
 /// Time between two states that are kept.
 pub const SPACING: SimDuration = SimDuration::from_ticks(200_000_000_000);
-/// So many of the latest states are kept; of the older ones only each [`THINNED`]th.
+/// So many of the latest states are kept, and about as many older ones: each [`THINNED`]th at first.
 const LATEST: usize = 150;
 const THINNED: u64 = 10;
 /// A state is kept so many steps before a place to which one has gone back: the next one is often just before.
@@ -144,6 +144,12 @@ impl<C: Companion> Replay<C> {
     #[must_use]
     pub fn steps(&self) -> u64 {
         self.mcu().steps()
+    }
+
+    /// Number of states that are kept.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.marks.len()
     }
 
     /// When the run ends.
@@ -449,17 +455,28 @@ impl<C: Companion> Replay<C> {
         }
     }
 
-    /// Forgets most of the older states.
+    /// Forgets most of the older states, and always more of them the longer the run is: each holds all that has
+    /// been recorded until then.
     fn thin(&mut self) {
         let number = self.marks.len().saturating_sub(LATEST);
-        let mark = &self.marks[number];
-        let turn = mark.at().as_ticks() / SPACING.as_ticks();
-        if number == 0 || mark.changed || turn.is_multiple_of(THINNED) {
-            return;
+        let turn = self.marks[number].at().as_ticks() / SPACING.as_ticks();
+        if !turn.is_multiple_of(THINNED) {
+            self.forget(number);
         }
-        let mark = self.marks.remove(number);
-        self.marks[number - 1].footprint.join(&mark.footprint);
-        self.passed -= 1;
+        if self.marks.len() > 2 * LATEST {
+            for number in (1..LATEST).rev().step_by(2) {
+                self.forget(number);
+            }
+        }
+    }
+
+    /// Forgets a state that can be reached from the one before.
+    fn forget(&mut self, number: usize) {
+        if number > 0 && !self.marks[number].changed {
+            let mark = self.marks.remove(number);
+            self.marks[number - 1].footprint.join(&mark.footprint);
+            self.passed -= 1;
+        }
     }
 }
 
