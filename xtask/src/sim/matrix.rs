@@ -2,7 +2,7 @@
 
 use std::iter;
 
-use network_model::{Condition, Message, Network, SendType};
+use network_model::{Condition, Message, Network, SendType, Signal, ValueTable};
 use vehicle_model::{Vehicle, manifest::ModeSignal};
 use world::{
     SimDuration,
@@ -75,16 +75,26 @@ impl Matrix {
 
     /// The names of the vehicle's modes; none if it has no modes.
     pub(crate) fn mode_names(&self) -> Vec<String> {
-        let named = self.mode.iter().filter_map(|mode| {
+        let table = self.mode.as_ref().and_then(|mode| {
             let mut messages = self.network.messages.iter();
             let message = messages.find(|message| message.name == mode.message)?;
-            let mut signals = message.signals.iter();
-            let signal = signals.find(|signal| signal.name == mode.signal)?;
-            let mut tables = self.network.value_tables.iter();
-            tables.find(|table| Some(&table.name) == signal.values.as_ref())
+            Some(self.signal(message, &mode.signal)?.1)
         });
-        let values = named.flat_map(|table| &table.values);
+        let values = table.into_iter().flat_map(|table| &table.values);
         values.map(|value| value.name.clone()).collect()
+    }
+
+    /// A signal of a message, with the names of its values.
+    fn signal<'m>(
+        &'m self,
+        message: &'m Message,
+        name: &str,
+    ) -> Option<(&'m Signal, &'m ValueTable)> {
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|one| one.name == name)?;
+        let mut tables = self.network.value_tables.iter();
+        let table = tables.find(|table| Some(&table.name) == signal.values.as_ref())?;
+        Some((signal, table))
     }
 
     /// The changes of what guides the vehicle, if rows may do so.
@@ -124,13 +134,8 @@ impl Matrix {
         if frame.dlc != message.length {
             return None;
         }
-        let mut signals = message.signals.iter();
-        let signal = signals.find(|one| one.name == signal)?;
+        let (signal, table) = self.signal(message, signal)?;
         let raw = signal.extract(&frame.data);
-        let tables = self.network.value_tables.iter();
-        let table = tables
-            .into_iter()
-            .find(|table| Some(&table.name) == signal.values.as_ref())?;
         let value = table
             .values
             .iter()

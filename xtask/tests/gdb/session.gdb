@@ -28,8 +28,10 @@ watch *(unsigned *) ((char *) &_SEGGER_RTT + 36)
 monitor until 2.5 s
 continue
 continue
-printf "written %d\n", *(unsigned *) ((char *) &_SEGGER_RTT + 36)
+set $written = *(unsigned *) ((char *) &_SEGGER_RTT + 36)
+printf "written %d\n", $written > 0
 reverse-continue
+printf "before %d\n", *(unsigned *) ((char *) &_SEGGER_RTT + 36) != $written
 delete
 monitor until 2.5 s
 continue
