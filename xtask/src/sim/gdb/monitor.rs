@@ -191,7 +191,20 @@ fn world(machine: &Machine<'_>) -> String {
         );
     }
     if let Some(sample) = world.drive().and_then(|drive| drive.samples().last()) {
-        let _ = writeln!(text, "{sample:?}");
+        let [left, right] = sample.distances.map(|distance| match distance {
+            Some(metres) => format!("{metres:.3} m"),
+            None => "nothing".to_owned(),
+        });
+        let _ = writeln!(
+            text,
+            "{:.3} m along the row, {:.3} m right of its middle, heading {:.2} deg right of it\n\
+             efforts of the motors {:.2} and {:.2}; the sensors see {left} on the left, {right} on the right",
+            sample.station,
+            sample.right,
+            sample.heading.to_degrees(),
+            sample.efforts[0],
+            sample.efforts[1]
+        );
     }
     text
 }
