@@ -162,6 +162,15 @@ impl<'v> Machine<'v> {
         self.watcher = None;
     }
 
+    /// Forgets what gdb has set: another one does not know of it.
+    pub(super) fn disarm(&mut self) {
+        self.give_up();
+        self.software.clear();
+        self.hardware.clear();
+        self.watches.clear();
+        self.until = None;
+    }
+
     fn stops(&self) -> Stops {
         Stops {
             breakpoints: self.software.union(&self.hardware).copied().collect(),
@@ -762,6 +771,17 @@ mod tests {
         let reason = ask(&mut machine, Request::ContinueBack);
         assert!(ends(reason, ReplayLogPosition::Begin), "{reason:?}");
         assert!(!machine.replay.mcu().is_locked_up());
+    }
+
+    #[test]
+    fn breakpoints_go_with_the_gdb_that_set_them() {
+        let vehicle = uagv();
+        let mut machine = steering(&vehicle);
+        machine.hardware.insert(machine.replay.mcu().pc());
+        assert_eq!(ask(&mut machine, Request::Continue), Reason::HwBreak(()));
+        machine.disarm();
+        let reason = ask(&mut machine, Request::Continue);
+        assert!(matches!(reason, Reason::ReplayLog { .. }), "{reason:?}");
     }
 
     #[test]

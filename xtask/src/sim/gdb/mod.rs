@@ -157,7 +157,7 @@ impl Session {
                 Ok(End::Lost) => eprintln!("The connection has ended; another gdb may attach."),
                 Err(why) => eprintln!("The connection has failed ({why}); another gdb may attach."),
             }
-            machine.give_up();
+            machine.disarm();
         }
     }
 }
