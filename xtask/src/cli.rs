@@ -49,7 +49,7 @@ pub enum Command {
     /// Write a node's release image to a board with probe-rs and show the node's log.
     Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
-    Sim(Sim),
+    Sim(Box<Sim>),
     /// Put the parts of a campaign of random faults or attacks together, or let machines run them.
     #[command(subcommand)]
     Campaign(Campaign),
@@ -349,7 +349,11 @@ pub enum Kind {
     cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
     \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
     cargo xtask sim --faults 200 --attacker        a node that knows the sources, but not the key: floods,\n                                                 \
-    \x20 forged and replayed frames, destroyed ones\n\n\
+    \x20 forged and replayed frames, destroyed ones\n  \
+    cargo xtask sim --gdb controller               gdb debugs the controller, forwards and backwards:\n                                                 \
+    \x20 it prints the command for gdb-multiarch; then `monitor help`\n  \
+    cargo xtask sim gps-lost --gdb steering:4444 --until mode:Idle\n                                                 \
+    \x20 runs until the mode changes to Idle before gdb is let in\n\n\
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
     exit code 1 and the names of the aims that are missed\n  \
@@ -429,6 +433,13 @@ pub struct Sim {
     /// Print the figures as JSON
     #[arg(long)]
     pub json: bool,
+    /// Let gdb debug a node, forwards and backwards, at localhost:PORT [default: 3333]; the other nodes, bus and
+    /// world stand still with it
+    #[arg(long, value_name = "NODE[:PORT]", conflicts_with_all = ["experiment", "faults", "json", "list"])]
+    pub gdb: Option<crate::sim::Place>,
+    /// Run so far before gdb is let in: "12.5 s", frame:0x12C, frame:MESSAGE, mode:NAME or reset:NODE
+    #[arg(long, value_name = "WHERE", requires = "gdb")]
+    pub until: Option<String>,
     /// List the scenarios instead of running one
     #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "attacker", "out"])]
     pub list: bool,
@@ -869,10 +880,6 @@ pub enum Error {
 
 /// The request of a command line.
 #[derive(Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one in a run of the program"
-)]
 pub enum Request {
     /// Run a command.
     Run(Command),

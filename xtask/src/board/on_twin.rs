@@ -14,8 +14,7 @@ use twin::{
 use parts::Sled;
 
 use super::{BoardTest, Error, Outcome, TestImage, Verdict};
-use crate::Failure;
-use crate::log::Log;
+use crate::{Failure, log::Log};
 
 /// How often the log is read and the surroundings may change. Shorter than defmt's buffer lasts.
 const SLICE: SimDuration = SimDuration::from_ticks(50_000_000);

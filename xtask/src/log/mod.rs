@@ -14,7 +14,7 @@ use serde::Deserialize;
 use twin::mcu::Mcu;
 
 /// The frames of an image.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Log {
     formats: BTreeMap<u16, Format>,
     /// Address of RTT's control block.
@@ -178,7 +178,7 @@ impl Log {
                     }
                 }
             }
-            // No test logs anything else.
+            // No program of this workspace logs anything else.
             _ => return None,
         })
     }

@@ -2,7 +2,7 @@
 
 use std::iter;
 
-use network_model::{Condition, Message, Network, SendType};
+use network_model::{Condition, Message, Network, SendType, Signal, ValueTable};
 use vehicle_model::{Vehicle, manifest::ModeSignal};
 use world::{
     SimDuration,
@@ -73,6 +73,30 @@ impl Matrix {
             .map_or_else(Vec::new, |signal| self.changes(frames, signal))
     }
 
+    /// The names of the vehicle's modes; none if it has no modes.
+    pub(crate) fn mode_names(&self) -> Vec<String> {
+        let table = self.mode.as_ref().and_then(|mode| {
+            let mut messages = self.network.messages.iter();
+            let message = messages.find(|message| message.name == mode.message)?;
+            Some(self.signal(message, &mode.signal)?.1)
+        });
+        let values = table.into_iter().flat_map(|table| &table.values);
+        values.map(|value| value.name.clone()).collect()
+    }
+
+    /// A signal of a message, with the names of its values.
+    fn signal<'m>(
+        &'m self,
+        message: &'m Message,
+        name: &str,
+    ) -> Option<(&'m Signal, &'m ValueTable)> {
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|one| one.name == name)?;
+        let mut tables = self.network.value_tables.iter();
+        let table = tables.find(|table| Some(&table.name) == signal.values.as_ref())?;
+        Some((signal, table))
+    }
+
     /// The changes of what guides the vehicle, if rows may do so.
     pub(crate) fn guides(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
         self.guide
@@ -117,13 +141,8 @@ impl Matrix {
         if frame.dlc != message.length {
             return None;
         }
-        let mut signals = message.signals.iter();
-        let signal = signals.find(|one| one.name == signal)?;
+        let (signal, table) = self.signal(message, signal)?;
         let raw = signal.extract(&frame.data);
-        let tables = self.network.value_tables.iter();
-        let table = tables
-            .into_iter()
-            .find(|table| Some(&table.name) == signal.values.as_ref())?;
         let value = table
             .values
             .iter()

@@ -3,11 +3,14 @@
 pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
+mod gdb;
 mod live;
 pub(crate) mod matrix;
 mod recording;
 mod sense;
 mod tasks;
+
+pub use gdb::Place;
 
 pub(crate) use faults::{Trouble, first as first_faults};
 pub use live::{Can, Error as LiveError};
@@ -104,6 +107,26 @@ pub enum Error {
     /// The virtual vehicle cannot be built.
     #[error(transparent)]
     Twin(#[from] TwinError),
+    /// `--gdb`: the port cannot be taken.
+    #[error(
+        "port {port} of localhost cannot be used ({error}): --gdb NODE:PORT takes another one, NODE:0 any free one"
+    )]
+    Port {
+        /// The port.
+        port: u16,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+    /// `--until`: neither a time nor an event of this vehicle.
+    #[error("--until: {why}")]
+    Until {
+        /// What is wrong, and what is accepted.
+        why: String,
+    },
+    /// `--gdb`: nobody can connect.
+    #[error("gdb cannot connect: {0}")]
+    Connection(#[source] io::Error),
     /// The source of a node cannot be read.
     #[error("{}: {error}", path.display())]
     Source {
@@ -152,6 +175,8 @@ impl Error {
                 | Self::NoCommand { .. }
                 | Self::NoScenario { .. }
                 | Self::NeverOn { .. }
+                | Self::Port { .. }
+                | Self::Until { .. }
                 | Self::Folder(_)
                 | Self::Live(_)
         )
@@ -196,6 +221,11 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     };
     let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
     switched_on(&vehicle, &scenario)?;
+    let debugger = options.gdb.as_ref().map(|place| {
+        let until = options.until.as_deref();
+        gdb::Session::new(&vehicle, place, until)
+    });
+    let debugger = debugger.transpose()?;
     if let Some(note) = options.seconds.and_then(|end| cut_off(&scenario, end)) {
         eprintln!("{note}");
     }
@@ -211,7 +241,19 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         tasks: folder.is_some(),
         live,
     };
-    let finished = simulate(workspace, &vehicle, &scenario, wish)?;
+    let finished = match debugger {
+        None => simulate(workspace, &vehicle, &scenario, wish)?,
+        Some(session) => {
+            let length = wish.length.unwrap_or_else(|| scenario.duration.span());
+            match session.run(workspace, &vehicle, &scenario, wish.seed, length)? {
+                Some(twin) => {
+                    let images = images(workspace, &vehicle)?;
+                    finish(&vehicle, &scenario, &images, wish, twin, None)?
+                }
+                None => return Ok(()),
+            }
+        }
+    };
     finished.warn();
     let run = finished.run();
     let summary = finished.judged(&vehicle);
@@ -442,6 +484,21 @@ pub(crate) fn simulate<'s>(
     scenario: &'s Scenario,
     wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
+    let images = images(workspace, vehicle)?;
+    let twin = Twin::new(vehicle, scenario, wish.seed, &images).map_err(Error::from)?;
+    let agreement = Agreement::new(&images);
+    finish(vehicle, scenario, &images, wish, twin, agreement)
+}
+
+/// Lets a vehicle run on to the end.
+fn finish<'s>(
+    vehicle: &'s Vehicle,
+    scenario: &'s Scenario,
+    images: &Images,
+    wish: Wish,
+    mut twin: Twin,
+    mut agreement: Option<Agreement>,
+) -> Result<Finished<'s>, Failure> {
     let Wish {
         seed,
         length,
@@ -449,16 +506,14 @@ pub(crate) fn simulate<'s>(
         mut live,
     } = wish;
     let matrix = Matrix::new(vehicle);
-    let images = images(workspace, vehicle)?;
     let start = Instant::now();
     let mut display = Display::new();
-    let mut twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
-    let mut agreement = Agreement::new(&images);
-    let mut recorder = Recorder::new(&mut twin, &images, record_tasks);
-    let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
+    let mut recorder = Recorder::new(&mut twin, images, record_tasks);
+    let end = time::at(length.unwrap_or_else(|| scenario.duration.span()));
+    let span = agreement::SPAN.as_ticks();
     while twin.now() < end {
-        let step = end.min(twin.now() + agreement::SPAN);
-        recorder.run_until(&mut twin, step, live.as_mut())?;
+        let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
+        recorder.run_until(&mut twin, end.min(next), live.as_mut())?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }

@@ -44,7 +44,7 @@ pub enum Ended {
 }
 
 /// The debugger's side of a program's run.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Debugger {
     command_line: String,
     served: bool,

@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// A cache: line numbers, the most recently used first.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Lines {
     lines: Vec<u32>,
     size: usize,
@@ -91,7 +91,7 @@ const REFILL: Cycles = 2;
 /// this large.
 const NONE: u32 = u32::MAX;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Accelerator {
     control: Control,
     /// Line in the instruction line buffer.
@@ -216,6 +216,23 @@ impl TimedFlash {
             now: AtomicU64::new(0),
             stall: AtomicU64::new(0),
             next: AtomicU32::new(0),
+        }
+    }
+
+    /// The same flash in the same state.
+    pub(crate) fn copy(&self) -> Self {
+        let same = |number: &AtomicU64| AtomicU64::new(number.load(Ordering::Relaxed));
+        let short = |number: &AtomicU32| AtomicU32::new(number.load(Ordering::Relaxed));
+        Self {
+            part: self.part,
+            image: Arc::clone(&self.image),
+            line_bytes: self.line_bytes,
+            accelerator: Mutex::new(crate::peripheral::lock(&self.accelerator).clone()),
+            current: short(&self.current),
+            acr: short(&self.acr),
+            now: same(&self.now),
+            stall: same(&self.stall),
+            next: short(&self.next),
         }
     }
 

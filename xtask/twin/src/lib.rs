@@ -8,6 +8,8 @@
 //! | [`mcu`] | one microcontroller: core, memories and peripherals |
 //! | [`debugger`] | what a program under test sees of a debugger: semihosting |
 //! | [`statistics`] | cycles of each task: activations, longest execution time, longest response |
+//! | [`replay`] | a run in which a debugger goes forwards and backwards |
+//! | [`stops`] | where a debugger stops a node |
 //! | [`network`] | several microcontrollers on one bus |
 //! | [`Twin`] | all nodes of a vehicle and the world around them; [`run`] |
 //!
@@ -55,8 +57,10 @@ pub mod mcu;
 pub mod network;
 pub mod part;
 mod peripheral;
+pub mod replay;
 mod silicon;
 pub mod statistics;
+pub mod stops;
 mod stores;
 mod twin;
 mod window;

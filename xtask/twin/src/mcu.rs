@@ -7,10 +7,11 @@ use crate::image::Image;
 use crate::part::{Family, Part, Pin};
 use crate::peripheral::{
     Burst, CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause,
-    SharedBus, UartByte, lock,
+    SharedBus, UartByte, lock, transfer,
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch, TaskSwitch};
+use crate::stops::{Footprint, Probe, Stop, Stops};
 use crate::stores::{Bytes, Settings, Watched, reaches_registers};
 use crate::window::{Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
@@ -140,10 +141,46 @@ struct Stuck {
     high: bool,
 }
 
+/// The registers of a core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Registers {
+    /// r0 to r15. r13 is the stack pointer in use, r15 the address of the next instruction.
+    pub r: [u32; 16],
+    /// Flags, IT state and exception number.
+    pub xpsr: u32,
+    /// The main stack pointer.
+    pub msp: u32,
+    /// The process stack pointer.
+    pub psp: u32,
+    /// Masks exceptions with priorities that can be set.
+    pub primask: bool,
+    /// The priority from which on exceptions are masked.
+    pub basepri: u8,
+    /// Masks all exceptions but NMI.
+    pub faultmask: bool,
+    /// Stack and privileges in use.
+    pub control: u32,
+    /// s0 to s31.
+    pub s: [u32; 32],
+    /// Flags and modes of the floating-point unit.
+    pub fpscr: u32,
+}
+
+/// A run that the probe has stopped.
+#[derive(Clone, Copy, Debug)]
+struct Paused {
+    /// The cycle up to which it was to run.
+    limit: Cycles,
+    /// Whether a step is next.
+    steps: bool,
+}
+
 /// A running microcontroller.
 pub struct Mcu {
     image: Arc<Image>,
     core: ArmV7m,
+    /// The contents of the flash, for the core and for its copies.
+    rom: Arc<RomStore>,
     shared: Arc<Shared>,
     /// Only with wait states.
     flash: Option<Arc<TimedFlash>>,
@@ -169,6 +206,9 @@ pub struct Mcu {
     trace: Option<Trace>,
     /// Stores to report with the trace.
     watched: Option<Watched>,
+    probe: Option<Box<Probe>>,
+    /// Where it goes on after a stop of the probe.
+    paused: Option<Paused>,
     debugger: Option<Debugger>,
     /// A debugger has enabled halting debug (C_DEBUGEN).
     debugged: bool,
@@ -243,15 +283,15 @@ impl Mcu {
             memories.clone(),
         )?;
         let shared = Arc::new(Shared::new(peripherals, flash.is_some()));
-        let space = address_space(&image, flash.as_ref(), &memories, &shared)?;
-        let config = Config::CORTEX_M4F
-            .with_priority_bits(part.priority_bits)
-            .with_reset_vtor(part.flash.base);
-        let core = ArmV7m::new(config);
-        core.attach_space(Arc::new(space));
+        let rom = Arc::new(RomStore::from_slice(image.flash()));
+        let core = core(
+            part,
+            address_space(part, &rom, flash.as_ref(), &memories, &shared)?,
+        );
         Ok(Self {
             image,
             core,
+            rom,
             shared,
             flash,
             finds_caches_empty: board.flash == FlashTiming::EmptyCaches,
@@ -270,11 +310,49 @@ impl Mcu {
             observer: Observer::default(),
             trace: None,
             watched: None,
+            probe: None,
+            paused: None,
             debugger: None,
             debugged: false,
             stuck: None,
             resets: vec![(board.power_on, ResetCause::PowerOn)],
         })
+    }
+
+    /// A microcontroller in the same state, which becomes the same node of `bus`, a copy of this one's
+    /// bus. Traces and watched stores stay behind.
+    ///
+    /// # Panics
+    /// Never: what could be built once can be built again.
+    #[must_use]
+    pub fn copy(&self, bus: Option<&SharedBus>) -> Self {
+        let memories: Vec<Ram> = self.memories.iter().map(Ram::copy).collect();
+        let link = bus.zip(self.node).map(|(bus, node)| CanLink {
+            bus: Arc::clone(bus),
+            node,
+        });
+        let peripherals = lock(&self.shared.peripherals).copy(link, memories.clone());
+        let shared = Arc::new(self.shared.copy(peripherals));
+        let flash = self.flash.as_ref().map(|flash| Arc::new(flash.copy()));
+        let space = address_space(self.part(), &self.rom, flash.as_ref(), &memories, &shared);
+        let core = core(self.part(), space.expect("it was built before"));
+        transfer(&self.core, &core);
+        Self {
+            image: Arc::clone(&self.image),
+            core,
+            rom: Arc::clone(&self.rom),
+            shared,
+            flash,
+            memories,
+            it_states: self.it_states.clone(),
+            observer: self.observer.clone(),
+            trace: None,
+            watched: None,
+            probe: self.probe.clone(),
+            debugger: self.debugger.clone(),
+            resets: self.resets.clone(),
+            ..*self
+        }
     }
 
     /// The program it runs.
@@ -313,9 +391,18 @@ impl Mcu {
 
     /// Runs until `until` and past it by at most one instruction. Returns earlier if the program
     /// wrote to the CAN controller and the horizon of this node has thereby moved to an earlier
-    /// time.
+    /// time, or where [`Mcu::stop_at`] stops it. Then [`Mcu::stopped`] says so, and the next call goes on to the
+    /// time of this one.
     pub fn run_until(&mut self, until: SimTime) {
-        let mut limit = self.limit(until);
+        let mut limit = match self.paused.take() {
+            Some(Paused { limit, steps }) => {
+                if steps {
+                    self.step();
+                }
+                limit
+            }
+            None => self.limit(until),
+        };
         loop {
             if self.now >= self.shared.attention() {
                 let generation = self.generation;
@@ -331,13 +418,88 @@ impl Mcu {
             if self.now >= limit {
                 break;
             }
-            if self.stands_still() {
-                self.skip(limit);
-            } else {
+            let steps = !self.stands_still();
+            if self.probe.is_some() && self.stops_here(steps) {
+                // What has been written says nothing about the next instruction, which may stop it again.
+                let steps = steps && !matches!(self.stopped_by(), Some(Stop::Written(_)));
+                self.paused = Some(Paused { limit, steps });
+                return;
+            }
+            if steps {
                 self.step();
+            } else {
+                self.skip(limit);
             }
         }
         self.check_core();
+    }
+
+    /// Lets a debugger stop it from now on, and count its steps: instructions and exception entries.
+    pub fn attach_probe(&mut self) {
+        let flash = self.image.part().flash.size as usize;
+        self.probe = Some(Box::new(Probe::new(flash)));
+        lock(&self.shared.peripherals).notes_writes = true;
+    }
+
+    /// Takes the debugger away. The run goes on.
+    pub fn detach_probe(&mut self) {
+        self.probe = None;
+        lock(&self.shared.peripherals).notes_writes = false;
+    }
+
+    /// It stops there from now on, if a probe is attached.
+    pub fn stop_at(&mut self, stops: Stops) {
+        if let Some(probe) = &mut self.probe {
+            probe.set_stops(stops);
+        }
+    }
+
+    /// Why it stands still in the middle of a run, if it does. Only [`Mcu::run_until`] lets it go on.
+    #[must_use]
+    pub fn stopped(&self) -> Option<Stop> {
+        self.paused?;
+        self.stopped_by()
+    }
+
+    fn stopped_by(&self) -> Option<Stop> {
+        self.probe.as_ref()?.stop
+    }
+
+    /// The steps that it has carried out since the probe was attached.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.probe.as_ref().map_or(0, |probe| probe.steps)
+    }
+
+    /// What it has passed since the last call, if a probe is attached.
+    pub fn take_footprint(&mut self) -> Option<Footprint> {
+        self.probe.as_mut().map(|probe| probe.take_footprint())
+    }
+
+    /// Whether the probe stops it before its next step, or while it has none.
+    fn stops_here(&mut self, steps: bool) -> bool {
+        let Some(mut probe) = self.probe.take() else {
+            return false;
+        };
+        let limit = |time| self.limit(time);
+        let mut stops = probe.stops_at_write();
+        if !stops && steps {
+            stops = self.stops_before_instruction(&mut probe);
+            stops |= probe.stops_before_step(self.now, self.generation, limit);
+        }
+        self.probe = Some(probe);
+        stops
+    }
+
+    fn stops_before_instruction(&self, probe: &mut Probe) -> bool {
+        if self.core.reset_pending() {
+            return false;
+        }
+        let at = self.core.pc();
+        let offset = at.wrapping_sub(self.image.part().flash.base) as usize;
+        let code = || code(&self.image, &self.memories, at);
+        let access = probe.decoder().access(&self.core, offset, code);
+        probe.stops_before(at, access)
     }
 
     /// Runs for a span of time.
@@ -407,6 +569,7 @@ impl Mcu {
             flash.set_control(peripherals.flash_control());
         }
         let written = std::mem::take(&mut peripherals.can_written);
+        let stored = std::mem::take(&mut peripherals.written);
         let reached = std::mem::take(&mut peripherals.reached);
         let moved = std::mem::take(&mut peripherals.moved);
         let clock = peripherals.clock();
@@ -417,6 +580,11 @@ impl Mcu {
         let moved: Vec<_> = moved.collect();
         peripherals.attended();
         shared.set_attention(peripherals.next_event());
+        if let Some(probe) = &mut self.probe {
+            for bytes in stored {
+                probe.wrote(bytes);
+            }
+        }
         for (controller, unit, word) in reached {
             self.show_transfer(controller, unit, word);
         }
@@ -516,6 +684,9 @@ impl Mcu {
     fn step(&mut self) {
         let at = self.trace.is_some().then(|| self.core.pc());
         self.poke = false;
+        if let Some(probe) = &mut self.probe {
+            probe.steps += 1;
+        }
         self.shared.set_now(self.now);
         if self.debugged && (self.serve_debugger_call() || self.load_debug_control()) {
             return;
@@ -552,6 +723,12 @@ impl Mcu {
                 // before the exception would lose its flags (ARMv7-M manual B1.5.7,
                 // ExecuteFPCheck).
                 self.core.set_fpscr(fpscr);
+            }
+            if matches!(switch, Switch::Enter(_)) && self.probe.is_some() {
+                let frame = self.frame();
+                if let Some(probe) = &mut self.probe {
+                    probe.wrote(frame);
+                }
             }
             if let Some(at) = at {
                 self.show(at, switch);
@@ -1162,6 +1339,63 @@ impl Mcu {
         self.core.set_reg(index, value);
     }
 
+    /// All registers of the core.
+    #[must_use]
+    pub fn registers(&self) -> Registers {
+        let core = self.core.regs();
+        let mut s = [0; 32];
+        for (value, index) in s.iter_mut().zip(0..) {
+            *value = self.core.s(index);
+        }
+        Registers {
+            r: core.r,
+            xpsr: core.xpsr,
+            msp: core.msp,
+            psp: core.psp,
+            primask: core.primask,
+            basepri: core.basepri,
+            faultmask: core.faultmask,
+            control: core.control,
+            s,
+            fpscr: self.core.fpscr(),
+        }
+    }
+
+    /// Sets all registers of the core. Of a stack pointer that is given twice, r13 counts if it differs from the
+    /// present one.
+    pub fn set_registers(&mut self, registers: &Registers) {
+        let mut core = self.core.regs();
+        let (before, process) = (core.r[13], core.r[13] == core.psp && core.msp != core.psp);
+        core.r = registers.r;
+        core.xpsr = registers.xpsr;
+        core.msp = registers.msp;
+        core.psp = registers.psp;
+        if registers.r[13] != before {
+            let stack = if process {
+                &mut core.psp
+            } else {
+                &mut core.msp
+            };
+            *stack = registers.r[13];
+        }
+        core.primask = registers.primask;
+        core.basepri = registers.basepri;
+        core.faultmask = registers.faultmask;
+        core.control = registers.control;
+        self.core.set_regs(core);
+        for (value, index) in registers.s.iter().zip(0..) {
+            self.core.set_s(index, *value);
+        }
+        self.core.set_fpscr(registers.fpscr);
+    }
+
+    /// Reads a word of the system control space (0xE000_E000 to 0xE000_EFFF) as a debugger does, without side
+    /// effects. `None` for addresses without a register.
+    #[must_use]
+    pub fn system_word(&self, address: u32) -> Option<u32> {
+        self.core.with_sys(|sys| sys.read_word(address, true))
+    }
+
     /// The exception being handled; 0 is thread mode.
     #[must_use]
     pub fn exception(&self) -> u16 {
@@ -1338,22 +1572,29 @@ fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32, owed: u32) -
     0
 }
 
+/// The core of a part, at its power-on.
+fn core(part: &Part, space: AddressSpace) -> ArmV7m {
+    let config = Config::CORTEX_M4F
+        .with_priority_bits(part.priority_bits)
+        .with_reset_vtor(part.flash.base);
+    let core = ArmV7m::new(config);
+    core.attach_space(Arc::new(space));
+    core
+}
+
 fn address_space(
-    image: &Image,
+    part: &Part,
+    rom: &Arc<RomStore>,
     timed: Option<&Arc<TimedFlash>>,
     memories: &[Ram],
     shared: &Arc<Shared>,
 ) -> Result<AddressSpace, rsemu::Error> {
-    let part = image.part();
     let space = AddressSpace::new("node", 32);
     {
         let mut map = space.topology();
         let region = Arc::new(match timed {
             Some(timed) => Region::io("flash", u64::from(part.flash.size), timed.clone()),
-            None => {
-                let flash = Arc::new(RomStore::from_slice(image.flash()));
-                Region::rom("flash", flash, RomWrite::Fault)
-            }
+            None => Region::rom("flash", Arc::clone(rom), RomWrite::Fault),
         });
         map.map(Arc::clone(&region), u64::from(part.flash.base))?;
         // The boot pins map the flash to address zero.

@@ -22,10 +22,23 @@ pub struct Network {
     nodes: Vec<Mcu>,
     now: SimTime,
     slice: SimDuration,
+    /// The slice in which a node was stopped.
+    stopped: Option<Slice>,
     guard: Option<Guard>,
 }
 
+/// A slice of time that the nodes go through one after the other.
+#[derive(Clone, Copy)]
+struct Slice {
+    target: SimTime,
+    /// What all nodes that have gone through it have reached.
+    reached: SimTime,
+    /// The next node.
+    node: usize,
+}
+
 /// A bus guardian and the nodes that it guards.
+#[derive(Clone)]
 struct Guard {
     /// Index of the guardian.
     guardian: usize,
@@ -33,6 +46,7 @@ struct Guard {
 }
 
 /// The wires between the guardian and one node.
+#[derive(Clone)]
 struct Tap {
     /// The node on the bus.
     node: NodeId,
@@ -67,7 +81,21 @@ impl Network {
             nodes: Vec::new(),
             now: SimTime::from_ticks(0),
             slice,
+            stopped: None,
             guard: None,
+        }
+    }
+
+    /// The same nodes on the same bus, in the same state, as [`Mcu::copy`] makes them.
+    #[must_use]
+    pub fn copy(&self) -> Self {
+        let bus = Arc::new(Mutex::new(self.bus().clone()));
+        let nodes = self.nodes.iter().map(|node| node.copy(Some(&bus)));
+        Self {
+            nodes: nodes.collect(),
+            bus,
+            guard: self.guard.clone(),
+            ..*self
         }
     }
 
@@ -149,25 +177,43 @@ impl Network {
         self.now
     }
 
-    /// Runs everything up to `end`.
+    /// Runs everything up to `end`, past all stops of probes.
     pub fn run_until(&mut self, end: SimTime) {
-        while self.now < end {
-            let target = self.target(end);
-            let mut reached = target;
-            for node in &mut self.nodes {
-                if node.now() < target {
-                    node.run_until(target);
-                    reached = reached.min(node.now());
+        while !self.run_to_stop(end) {}
+    }
+
+    /// Runs everything up to `end`, or until a probe stops a node in the middle of a slice; then the result is
+    /// false. The next call goes on where this one left: with the same ends, stops change nothing.
+    pub fn run_to_stop(&mut self, end: SimTime) -> bool {
+        while self.stopped.is_some() || self.now < end {
+            let mut slice = self.stopped.take().unwrap_or_else(|| {
+                let target = self.target(end);
+                Slice {
+                    target,
+                    reached: target,
+                    node: 0,
                 }
+            });
+            while let Some(node) = self.nodes.get_mut(slice.node) {
+                if node.stopped().is_some() || node.now() < slice.target {
+                    node.run_until(slice.target);
+                    if node.stopped().is_some() {
+                        self.stopped = Some(slice);
+                        return false;
+                    }
+                    slice.reached = slice.reached.min(node.now());
+                }
+                slice.node += 1;
             }
             // A node returns early when its program has written to the CAN controller.
-            self.now = reached.max(self.now);
+            self.now = slice.reached.max(self.now);
             lock(&self.bus).advance_to(self.now);
             for node in &mut self.nodes {
                 node.bus_moved();
             }
             self.follow_taps();
         }
+        true
     }
 
     /// The time up to which the nodes may run without an update of the bus.

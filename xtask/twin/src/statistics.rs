@@ -64,7 +64,7 @@ impl Load {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Activation {
     exception: u16,
     entered: Cycles,
@@ -73,7 +73,7 @@ struct Activation {
 }
 
 /// Follows the nesting of a core's exceptions.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Observer {
     stack: Vec<Activation>,
     tasks: BTreeMap<u16, TaskTimes>,

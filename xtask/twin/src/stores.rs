@@ -1,4 +1,5 @@
-//! Which instructions store, and where: for words and registers whose stores are reported.
+//! Which instructions load and store, and where: for words and registers whose stores are reported, and for
+//! a debugger.
 
 use rsemu::cpu::arm::v7m::ArmV7m;
 use rsemu::cpu::arm::v7m::fpisa::FpInsn;
@@ -24,20 +25,104 @@ const RAM: u32 = 0x2000_0000;
 /// Bytes from the first address to the last one.
 pub(crate) type Bytes = (u32, u32);
 
-/// What an address in flash holds: not known yet, no store, or from `STORES` on the number of a store.
+/// What an address in flash holds: not known yet, nothing of interest, or from `FOUND` on the number of an
+/// instruction.
 const UNSEEN: u32 = 0;
-const NO_STORE: u32 = 1;
-const STORES: u32 = 2;
+const NOTHING: u32 = 1;
+const FOUND: u32 = 2;
 
-/// The words that are watched, and what is known of the code in flash.
+/// The bytes that an instruction accesses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Access {
+    pub(crate) bytes: Bytes,
+    pub(crate) writes: bool,
+}
+
+/// What is known of the accesses of the code in flash.
+#[derive(Debug)]
+pub(crate) struct Decoder {
+    /// Bytes of flash.
+    flash: usize,
+    /// Whether loads count, too.
+    loads: bool,
+    /// What each halfword of the flash holds, decoded when it is first executed.
+    code: Box<[u32]>,
+    /// The instructions of interest among them.
+    found: Vec<Insn>,
+}
+
+impl Clone for Decoder {
+    /// One that decodes anew: the table is larger than the memory of most parts.
+    fn clone(&self) -> Self {
+        Self::new(self.flash, self.loads)
+    }
+}
+
+impl Decoder {
+    fn new(flash: usize, loads: bool) -> Self {
+        Self {
+            flash,
+            loads,
+            code: Box::default(),
+            found: Vec::new(),
+        }
+    }
+
+    /// Of loads and stores, with a flash of this size in bytes.
+    pub(crate) fn accesses(flash: usize) -> Self {
+        Self::new(flash, true)
+    }
+
+    /// The access of the instruction at `offset` of `flash` if it is executed now, or `None`. Of an
+    /// instruction outside flash an `offset` beyond it is given, and `code` has its halfwords.
+    #[inline]
+    pub(crate) fn access(
+        &mut self,
+        core: &ArmV7m,
+        offset: usize,
+        code: impl Fn() -> Option<[u16; 2]>,
+    ) -> Option<Access> {
+        if self.code.is_empty() {
+            self.code = vec![UNSEEN; self.flash.div_ceil(2)].into();
+        }
+        let known = self.code.get(offset / 2).copied();
+        if known == Some(NOTHING) || core.reset_pending() {
+            return None;
+        }
+        let number = known.and_then(|known| known.checked_sub(FOUND));
+        let insn = match number.and_then(|number| self.found.get(number as usize)) {
+            Some(insn) => *insn,
+            None => self.decode(offset, code()?)?,
+        };
+        if !executes(core.xpsr()) {
+            return None;
+        }
+        let bytes = bytes(insn, |register| core.reg(register))?;
+        let writes = stores(insn);
+        Some(Access { bytes, writes })
+    }
+
+    /// The instruction of interest that these halfwords at `offset` of flash are, if they are one.
+    fn decode(&mut self, offset: usize, [first, second]: [u16; 2]) -> Option<Insn> {
+        let insn = isa::decode(first, second);
+        let counts = stores(insn) || self.loads && loads(insn);
+        if let Some(known) = self.code.get_mut(offset / 2) {
+            *known = NOTHING;
+            if counts {
+                *known = FOUND + self.found.len() as u32;
+                self.found.push(insn);
+            }
+        }
+        counts.then_some(insn)
+    }
+}
+
+/// The words that are watched.
 #[derive(Debug)]
 pub(crate) struct Watched {
     /// Addresses of words, sorted.
     words: Box<[u32]>,
-    /// What each halfword of the flash holds, decoded when it is first executed.
-    code: Box<[u32]>,
-    /// The stores among them.
-    stores: Vec<Insn>,
+    decoder: Decoder,
 }
 
 impl Watched {
@@ -45,13 +130,11 @@ impl Watched {
     pub(crate) fn new(words: &BTreeSet<u32>, flash: usize) -> Self {
         Self {
             words: words.iter().copied().collect(),
-            code: vec![UNSEEN; flash.div_ceil(2)].into(),
-            stores: Vec::new(),
+            decoder: Decoder::new(flash, false),
         }
     }
 
-    /// The bytes that the instruction at `offset` of `flash` stores if it is executed now, or `None`.
-    /// Of an instruction outside flash an `offset` beyond it is given, and `code` has its halfwords.
+    /// The bytes that an instruction stores if it is executed now, as [`Decoder::access`] has them.
     #[inline]
     pub(crate) fn store(
         &mut self,
@@ -59,33 +142,8 @@ impl Watched {
         offset: usize,
         code: impl Fn() -> Option<[u16; 2]>,
     ) -> Option<Bytes> {
-        let known = self.code.get(offset / 2).copied();
-        if known == Some(NO_STORE) || core.reset_pending() {
-            return None;
-        }
-        let known_store = known.and_then(|known| known.checked_sub(STORES));
-        let insn = match known_store.and_then(|number| self.stores.get(number as usize)) {
-            Some(store) => *store,
-            None => self.decode(offset, code()?)?,
-        };
-        if !executes(core.xpsr()) {
-            return None;
-        }
-        bytes(insn, |register| core.reg(register))
-    }
-
-    /// The store that these halfwords at `offset` of flash are, if they are one.
-    fn decode(&mut self, offset: usize, [first, second]: [u16; 2]) -> Option<Insn> {
-        let insn = isa::decode(first, second);
-        let is_store = stores(insn);
-        if let Some(known) = self.code.get_mut(offset / 2) {
-            *known = NO_STORE;
-            if is_store {
-                *known = STORES + self.stores.len() as u32;
-                self.stores.push(insn);
-            }
-        }
-        is_store.then_some(insn)
+        let access = self.decoder.access(core, offset, code)?;
+        Some(access.bytes)
     }
 
     /// The watched words among these bytes.
@@ -148,6 +206,19 @@ fn stores(insn: Insn) -> bool {
     )
 }
 
+fn loads(insn: Insn) -> bool {
+    matches!(
+        insn,
+        Insn::LoadStore { load: true, .. }
+            | Insn::LoadStoreDual { load: true, .. }
+            | Insn::LoadStoreExclusive { load: true, .. }
+            | Insn::LoadStoreMultiple { load: true, .. }
+            | Insn::LoadLiteral { .. }
+            | Insn::TableBranch { .. }
+            | Insn::Fp(FpInsn::Mem { load: true, .. } | FpInsn::Multi { load: true, .. })
+    )
+}
+
 /// Whether the next instruction is executed, by its condition in an `IT` block (DDI 0403 A7.3.2).
 fn executes(xpsr: u32) -> bool {
     let it = (xpsr >> 25 & 3) | (xpsr >> 8 & 0xFC);
@@ -155,8 +226,11 @@ fn executes(xpsr: u32) -> bool {
 }
 
 fn bytes(insn: Insn, register: impl Fn(u8) -> u32) -> Option<Bytes> {
+    // As a base, the program counter is two halfwords ahead and rounded down (DDI 0403 A5.1.2).
+    let ahead = |rn: u8| register(rn).wrapping_add(if rn == 15 { 4 } else { 0 });
+    let base_of = |rn: u8| ahead(rn) & if rn == 15 { !3 } else { !0 };
     let displaced = |rn: u8, by: u32, add: bool| {
-        let base = register(rn);
+        let base = base_of(rn);
         if add {
             base.wrapping_add(by)
         } else {
@@ -177,6 +251,13 @@ fn bytes(insn: Insn, register: impl Fn(u8) -> u32) -> Option<Bytes> {
                 MemOffset::Reg { rm, lsl } => register(rm) << lsl,
             };
             (displaced(rn, if index { by } else { 0 }, add), size.bytes())
+        }
+        Insn::LoadLiteral { size, imm, add, .. } => (displaced(15, imm, add), size.bytes()),
+        Insn::TableBranch { rn, rm, half } => {
+            let size = 1 + u32::from(half);
+            let offset = register(rm).wrapping_mul(size);
+            // The base is not rounded here.
+            (ahead(rn).wrapping_add(offset), size)
         }
         Insn::LoadStoreDual {
             rn,
@@ -210,7 +291,7 @@ fn bytes(insn: Insn, register: impl Fn(u8) -> u32) -> Option<Bytes> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Watched, bytes, executes, reaches_registers, stores};
+    use super::{Watched, bytes, executes, loads, reaches_registers, stores};
     use rsemu::cpu::arm::v7m::isa;
     use std::collections::BTreeSet;
 
@@ -254,6 +335,29 @@ mod tests {
             ("adds r0, #1", [0x3001, 0], None),
         ] {
             assert_eq!(stored(code[0], code[1]), wanted, "{name}");
+        }
+    }
+
+    #[test]
+    fn each_load_has_its_bytes() {
+        for (name, code, wanted) in [
+            ("ldr r0, [r1, #4]", [0x6848, 0], (0x104, 0x107)),
+            ("ldrb r0, [r1, r2]", [0x5C88, 0], (0x2000_0300, 0x2000_0300)),
+            ("pop {r4, pc}", [0xBD10, 0], (0xD00, 0xD07)),
+            ("ldr r0, [pc, #8]", [0x4802, 0], (0xF0C, 0xF0F)),
+            (
+                "tbh [r1, r2, lsl #1]",
+                [0xE8D1, 0xF012],
+                (0x4000_0500, 0x4000_0501),
+            ),
+            ("vldr s0, [r1, #4]", [0xED91, 0x0A01], (0x104, 0x107)),
+        ] {
+            let insn = isa::decode(code[0], code[1]);
+            assert!(loads(insn) && !stores(insn), "{name}");
+            let held = |number| 0x2000_0000 + 0x100 * u32::from(number);
+            let (first, last) = bytes(insn, held).unwrap();
+            let found = (first - 0x2000_0000, last - 0x2000_0000);
+            assert_eq!(found, wanted, "{name}");
         }
     }
 

@@ -110,6 +110,8 @@ pub struct Twin {
     foreign: NodeId,
     /// Outputs of the world that are in the future for the nodes.
     ahead: VecDeque<Output>,
+    /// The end of the step in which a node was stopped.
+    stopped: Option<SimTime>,
     records: Vec<Record>,
     /// Number of starts of frame so far; nodes that start together count as one.
     starts: u64,
@@ -136,6 +138,7 @@ pub struct GateChange {
 }
 
 /// A node of the vehicle.
+#[derive(Clone)]
 struct Node {
     name: String,
     wiring: Wiring,
@@ -260,6 +263,7 @@ impl Twin {
             nodes,
             foreign,
             ahead: VecDeque::new(),
+            stopped: None,
             records: Vec::new(),
             starts: 0,
             last_start: None,
@@ -280,6 +284,23 @@ impl Twin {
             twin.babble(babble);
         }
         Ok(twin)
+    }
+
+    /// The same vehicle in the same state, as [`Mcu::copy`] makes its nodes. Both run on alike.
+    #[must_use]
+    pub fn copy(&self) -> Self {
+        Self {
+            network: self.network.copy(),
+            world: self.world.clone(),
+            nodes: self.nodes.clone(),
+            ahead: self.ahead.clone(),
+            records: self.records.clone(),
+            chain: self.chain.clone(),
+            steps: self.steps.clone(),
+            guarded: self.guarded.clone(),
+            gates: self.gates.clone(),
+            ..*self
+        }
     }
 
     /// Lets a node babble.
@@ -365,6 +386,18 @@ impl Twin {
         &self.records
     }
 
+    /// Moves the recorded traffic out, so that copies of the vehicle need not carry it.
+    #[must_use]
+    pub fn take_records_so_far(&mut self) -> Vec<Record> {
+        std::mem::take(&mut self.records)
+    }
+
+    /// Puts the traffic back that was moved out.
+    pub fn restore_records(&mut self, mut records: Vec<Record>) {
+        records.append(&mut self.records);
+        self.records = records;
+    }
+
     /// The bytes that a node has written to its console so far.
     #[must_use]
     pub fn console(&self, node: NodeIndex) -> &[u8] {
@@ -377,39 +410,70 @@ impl Twin {
         &self.chain
     }
 
-    /// Runs up to `end`.
+    /// Runs up to `end`, past all stops of probes.
     ///
     /// # Errors
     /// [`TwinError::Violation`] when a program did what its microcontroller's documents do not
     /// allow. The run has then stopped within a millisecond after it.
     pub fn run_until(&mut self, end: SimTime) -> Result<(), TwinError> {
-        while self.now() < end {
-            let now = self.now();
-            let mut coupling = self.world.next_coupling();
-            if coupling <= now {
-                self.world.advance_to(now);
-                coupling = self.world.next_coupling();
-            }
-            let step = end.min(now + STEP).min(coupling);
-            self.collect();
-            for output in self.world.bytes(step + LOOK_AHEAD) {
-                self.send(&output);
-            }
-            // Stop just before the coupling: the bytes that the nodes send until then must reach
-            // the world first.
-            let before = SimTime::from_ticks(coupling.as_ticks() - 1);
-            self.world.advance_to(before.min(step));
-            self.collect();
-            self.convert(now);
-            while let Some(output) = self.ahead.pop_front_if(|output| output.at <= step) {
-                self.network.run_until(output.at);
-                self.apply(&output);
-            }
-            self.network.run_until(step);
-            self.deliver();
-            self.check()?;
+        while self.stopped.is_some() || self.now() < end {
+            self.run_step(end)?;
         }
         Ok(())
+    }
+
+    /// Runs by a step of a millisecond at most towards `end`, or until a probe stops a node ([`Mcu::stop_at`]);
+    /// then the result is false. The next call goes on where this one left: with the same ends, stops
+    /// change nothing.
+    ///
+    /// # Errors
+    /// As [`Twin::run_until`].
+    pub fn run_step(&mut self, end: SimTime) -> Result<bool, TwinError> {
+        let step = self.stopped.take().unwrap_or_else(|| self.begin_step(end));
+        if !self.reach(step) {
+            self.stopped = Some(step);
+            return Ok(false);
+        }
+        self.deliver();
+        self.check()?;
+        Ok(true)
+    }
+
+    /// Lets the world act for the next step. Returns the step's end.
+    fn begin_step(&mut self, end: SimTime) -> SimTime {
+        let now = self.now();
+        let mut coupling = self.world.next_coupling();
+        if coupling <= now {
+            self.world.advance_to(now);
+            coupling = self.world.next_coupling();
+        }
+        let step = end.min(now + STEP).min(coupling);
+        self.collect();
+        for output in self.world.bytes(step + LOOK_AHEAD) {
+            self.send(&output);
+        }
+        // Stop just before the coupling: the bytes that the nodes send until then must reach
+        // the world first.
+        let before = SimTime::from_ticks(coupling.as_ticks() - 1);
+        self.world.advance_to(before.min(step));
+        self.collect();
+        self.convert(now);
+        step
+    }
+
+    /// Lets nodes and bus reach the end of a step. False if a probe stops a node.
+    fn reach(&mut self, step: SimTime) -> bool {
+        while let Some(at) = self.ahead.front().map(|output| output.at)
+            && at <= step
+        {
+            if !self.network.run_to_stop(at) {
+                return false;
+            }
+            if let Some(output) = self.ahead.pop_front() {
+                self.apply(&output);
+            }
+        }
+        self.network.run_to_stop(step)
     }
 
     /// The first violation of any node is an error.

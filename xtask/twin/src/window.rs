@@ -35,6 +35,18 @@ impl Shared {
         }
     }
 
+    /// The same state around a copy of the peripherals.
+    pub(crate) fn copy(&self, peripherals: Peripherals) -> Self {
+        let same = |number: &AtomicU64| AtomicU64::new(number.load(Ordering::Relaxed));
+        Self {
+            peripherals: Mutex::new(peripherals),
+            now: same(&self.now),
+            attention: same(&self.attention),
+            waits: self.waits,
+            stall: same(&self.stall),
+        }
+    }
+
     #[inline]
     pub(crate) fn set_now(&self, now: Cycles) {
         self.now.store(now, Ordering::Relaxed);

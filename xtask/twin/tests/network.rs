@@ -4,9 +4,11 @@ mod program;
 
 use can_bus::{Frame, RecordKind, SimTime};
 use program::Program;
+use std::collections::BTreeSet;
 use twin::mcu::Board;
 use twin::network::Network;
 use twin::part::{Part, Pin};
+use twin::stops::{Stop, Stops, Watch, Watched};
 
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
@@ -84,7 +86,7 @@ fn receiver() -> Program {
     program
 }
 
-fn exchange(pins: bool, crystal_ppb: i32) -> Network {
+fn powered(pins: bool, crystal_ppb: i32) -> Network {
     let mut network = Network::new();
     let board = Board {
         rc_ppb: crystal_ppb,
@@ -92,6 +94,11 @@ fn exchange(pins: bool, crystal_ppb: i32) -> Network {
     };
     network.add(sender(pins).image(Part::F446), &board);
     network.add(receiver().image(Part::F303), &Board::default());
+    network
+}
+
+fn exchange(pins: bool, crystal_ppb: i32) -> Network {
+    let mut network = powered(pins, crystal_ppb);
     network.run_until(SimTime::from_ticks(5 * MS));
     for node in 0..2 {
         assert_eq!(network.node(node).violations(), []);
@@ -146,4 +153,184 @@ fn a_clock_that_is_two_percent_off_does_not_get_through() {
         .filter(|record| matches!(record.kind, RecordKind::Error { .. }))
         .count();
     assert!(errors > 0);
+}
+
+#[test]
+fn a_copy_goes_on_as_the_original_does() {
+    for copied_at in [1, 2_150, 4_000] {
+        let mut network = powered(true, 300_000);
+        network.run_until(SimTime::from_ticks(copied_at * US));
+        let mut copy = network.copy();
+        for network in [&mut network, &mut copy] {
+            network.run_until(SimTime::from_ticks(5 * MS));
+        }
+        let expected = network.bus().drain_records();
+        assert_eq!(expected.len(), 2);
+        assert_eq!(copy.bus().drain_records(), expected);
+        for node in 0..2 {
+            let ends = [&network, &copy].map(|network| {
+                let mcu = network.node(node);
+                let registers: Vec<_> = (0..16).map(|number| mcu.register(number)).collect();
+                (mcu.cycles(), registers, mcu.memory(0x2000_0000, 0x2000))
+            });
+            assert_eq!(ends[0], ends[1], "node {node}, copied at {copied_at} us");
+        }
+        let pins = [&mut network, &mut copy].map(|network| network.node_mut(1).drain_pins());
+        assert_eq!(pins[0], pins[1]);
+        assert_eq!(pins[0].len(), 1);
+    }
+}
+
+#[test]
+fn a_copy_has_memory_of_its_own() {
+    let mut network = powered(true, 0);
+    network.run_until(SimTime::from_ticks(MS));
+    let copy = network.copy();
+    assert!(network.node_mut(0).set_memory(0x2000_0000, b"changed"));
+    assert_eq!(copy.node(0).memory(0x2000_0000, 7), Some(vec![0; 7]));
+}
+
+/// Where the receiver handles its interrupt.
+fn handler(network: &Network) -> u32 {
+    let vector = network.node(1).memory(0x0800_0000 + 4 * (16 + 20), 4);
+    u32::from_le_bytes(vector.unwrap().try_into().unwrap()) & !1
+}
+
+/// What a run leaves behind that a stop could disturb.
+fn traces(network: &mut Network) -> impl PartialEq + std::fmt::Debug {
+    let records = network.bus().drain_records();
+    let nodes = [0, 1].map(|node| {
+        let mcu = network.node_mut(node);
+        (mcu.cycles(), mcu.drain_pins(), mcu.memory(0x2000_1000, 4))
+    });
+    (records, nodes)
+}
+
+#[test]
+fn a_run_with_stops_is_the_run_without_them() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut plain = powered(true, 300_000);
+    plain.run_until(end);
+    let mut stopped = powered(true, 300_000);
+    stopped.node_mut(1).attach_probe();
+    let mut stops = 0;
+    loop {
+        let step = stopped.node(1).steps() + 7;
+        stopped.node_mut(1).stop_at(Stops {
+            step: Some(step),
+            ..Stops::default()
+        });
+        if stopped.run_to_stop(end) {
+            break;
+        }
+        stops += 1;
+        assert_eq!(stopped.node(1).stopped(), Some(Stop::Step));
+        assert_eq!(stopped.node(1).steps(), step);
+        assert!(stopped.now() <= stopped.node(1).now(), "the bus waits");
+    }
+    assert!(stops > 3, "{stops}");
+    assert_eq!(traces(&mut stopped), traces(&mut plain));
+}
+
+#[test]
+fn a_node_stops_at_a_breakpoint_and_before_a_watched_access() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut network = powered(true, 0);
+    network.node_mut(1).attach_probe();
+    let written = Watch {
+        first: 0x2000_1002,
+        last: 0x2000_1002,
+        kind: Watched::Writes,
+    };
+    let read = Watch {
+        kind: Watched::Reads,
+        ..written
+    };
+    let at = handler(&network);
+    network.node_mut(1).stop_at(Stops {
+        breakpoints: BTreeSet::from([at]),
+        watches: BTreeSet::from([written, read]),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Breakpoint));
+    assert_eq!(
+        (network.node(1).pc(), network.node(1).exception()),
+        (at, 36)
+    );
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Access(written)));
+    assert_eq!(network.node(1).memory(0x2000_1000, 4), Some(vec![0; 4]));
+    assert!(network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), None);
+    let data = network.node(1).memory(0x2000_1000, 4);
+    assert_eq!(data.as_deref(), Some(&b"seed"[..]));
+
+    let footprint = network.node_mut(1).take_footprint().unwrap();
+    let of = |watch| Stops {
+        watches: BTreeSet::from([watch]),
+        ..Stops::default()
+    };
+    assert!(footprint.may_meet(&of(written)));
+    assert!(!footprint.may_meet(&of(read)));
+}
+
+#[test]
+fn a_node_stops_where_a_core_saves_registers_and_at_a_time() {
+    let end = SimTime::from_ticks(5 * MS);
+    let mut network = powered(true, 0);
+    network.node_mut(1).attach_probe();
+    // The top of the stack is at 0x2000_2000.
+    let frame = Watch {
+        first: 0x2000_1FFC,
+        last: 0x2000_1FFF,
+        kind: Watched::Writes,
+    };
+    network.node_mut(1).stop_at(Stops {
+        watches: BTreeSet::from([frame]),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(1).stopped(), Some(Stop::Written(frame)));
+    assert_eq!(network.node(1).pc(), handler(&network));
+
+    let mut network = powered(true, 0);
+    network.node_mut(0).attach_probe();
+    let time = SimTime::from_ticks(1_500 * US);
+    network.node_mut(0).stop_at(Stops {
+        time: Some(time),
+        ..Stops::default()
+    });
+    assert!(!network.run_to_stop(end));
+    assert_eq!(network.node(0).stopped(), Some(Stop::Time));
+    let late = network.node(0).now().as_ticks() - time.as_ticks();
+    assert!(late < US, "{late} ps");
+}
+
+#[test]
+fn a_debugger_sees_and_sets_all_registers() {
+    let mut network = powered(true, 0);
+    network.run_until(SimTime::from_ticks(MS));
+    let mcu = network.node_mut(1);
+    let mut registers = mcu.registers();
+    assert_eq!(registers.r[15], mcu.pc());
+    assert_eq!(registers.r[13], registers.msp);
+    for (number, value) in (0..).zip(&mut registers.s) {
+        *value = 100 + number;
+    }
+    registers.r[..13].copy_from_slice(&core::array::from_fn::<u32, 13, _>(|r| r as u32));
+    registers.r[13] = 0x2000_0800;
+    registers.basepri = 0x40;
+    registers.fpscr = 1 << 31;
+    mcu.set_registers(&registers);
+    registers.msp = 0x2000_0800;
+    assert_eq!(mcu.registers(), registers);
+    registers.psp = 0x2000_0C00;
+    mcu.set_registers(&registers);
+    assert_eq!(mcu.registers(), registers);
+    // CPUID of a Cortex-M4.
+    assert_eq!(
+        mcu.system_word(0xE000_ED00).map(|id| id >> 4 & 0xFFF),
+        Some(0xC24)
+    );
 }

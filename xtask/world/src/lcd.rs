@@ -51,6 +51,9 @@ pub trait Display {
 
     /// Bytes and commands that the display did not understand, or had no room for.
     fn refused(&self) -> u64;
+
+    /// Another display in the same state.
+    fn copy(&self) -> Box<dyn Display + Send>;
 }
 
 /// Matrix Orbital's LK204-7T-1U.
@@ -208,6 +211,10 @@ impl Display for Lk204 {
 
     fn refused(&self) -> u64 {
         self.refused
+    }
+
+    fn copy(&self) -> Box<dyn Display + Send> {
+        Box::new(self.clone())
     }
 }
 

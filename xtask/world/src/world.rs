@@ -236,7 +236,18 @@ impl Screen {
     }
 }
 
+impl Clone for Screen {
+    fn clone(&self) -> Self {
+        Self {
+            display: self.display.copy(),
+            changes: self.changes.clone(),
+            ..*self
+        }
+    }
+}
+
 /// Everything around the nodes.
+#[derive(Clone)]
 pub struct World {
     scenario: Scenario,
     now: SimTime,

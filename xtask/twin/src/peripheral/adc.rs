@@ -24,7 +24,7 @@ pub(crate) const REFERENCE_COUNT: u16 = (REFERENCE * 4095 / 3300) as u16;
 /// Number of channels of an ADC.
 pub(crate) const CHANNELS: usize = 19;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Sequence {
     /// Next rank to convert.
     rank: usize,
@@ -34,7 +34,7 @@ struct Sequence {
     value: Option<u16>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Adc {
     family: Family,
     registers: [u32; 0xC0 / 4],

@@ -20,7 +20,7 @@ const OR: u32 = 0x50;
 const CC1IF: u32 = 1 << 1;
 const CC1OF: u32 = 1 << 9;
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Capture {
     registers: [u32; 0x54 / 4],
     /// When the counter was started.

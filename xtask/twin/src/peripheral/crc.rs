@@ -7,7 +7,7 @@ use crate::part::Family;
 /// The generator polynomial.
 const POLYNOMIAL: u32 = 0x04C1_1DB7;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Crc {
     family: Family,
     value: u32,

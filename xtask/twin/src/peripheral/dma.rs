@@ -49,7 +49,7 @@ struct Unit {
 
 /// Half transfer, transfer complete, error: bits in the unified order of
 /// [`Dma::interrupt`].
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Dma {
     family: Family,
     units: Vec<Unit>,

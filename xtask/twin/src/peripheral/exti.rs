@@ -7,7 +7,7 @@ pub(crate) const VOLTAGE: u32 = 16;
 /// Lines that are wired to pins of the same number.
 const PINS: u32 = 16;
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Exti {
     interrupts: u32,
     events: u32,

@@ -16,11 +16,23 @@ pub(crate) const IDR: u32 = 0x10;
 
 #[derive(Debug)]
 pub(crate) struct Port {
+    family: Family,
+    index: usize,
     model: Gpio,
     registers: Arc<dyn MemOps>,
     size: u32,
     /// What drives each pin from outside.
     external: [Option<bool>; 16],
+}
+
+impl Clone for Port {
+    fn clone(&self) -> Self {
+        let mut copy = Self::new(self.family, self.index);
+        copy.external = self.external;
+        super::transfer(&self.model, &copy.model);
+        copy.pull();
+        copy
+    }
 }
 
 impl Port {
@@ -52,6 +64,8 @@ impl Port {
         let model = Gpio::with_variant(reset, variant);
         let registers = super::registers_of(&model);
         let mut port = Self {
+            family,
+            index,
             model,
             registers,
             size,

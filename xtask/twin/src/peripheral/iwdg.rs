@@ -11,7 +11,7 @@ const START: u32 = 0xCCCC;
 /// A new prescaler or reload value takes effect after up to five cycles of the oscillator.
 const UPDATE_CYCLES: u64 = 5;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Iwdg {
     family: Family,
     hertz: u64,

@@ -24,11 +24,12 @@ use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIMERS};
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
-use crate::stores::among;
+use crate::stores::{Bytes, among};
 use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, TimerOutput, interrupt};
 use rsemu::core::device::Device;
 use rsemu::core::space::{MemAttrs, MemOps, RamStore, RegionKind};
+use rsemu::core::state::{ChunkReader, MachineShape, StateReader, StateWriter};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -88,6 +89,21 @@ pub(crate) struct Ram {
     pub dma: bool,
 }
 
+impl Ram {
+    /// Another memory with the same contents.
+    pub(crate) fn copy(&self) -> Self {
+        let mut contents = vec![0; self.store.len() as usize];
+        let store = RamStore::new(self.store.len());
+        // Both have this length.
+        let _ = self.store.read_at(0, &mut contents);
+        let _ = store.write_at(0, &contents);
+        Self {
+            store: Arc::new(store),
+            ..*self
+        }
+    }
+}
+
 /// The node's place on the bus.
 #[derive(Debug, Clone)]
 pub(crate) struct CanLink {
@@ -106,7 +122,7 @@ pub(crate) struct Oscillators {
     pub watchdog_hz: u64,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Peripherals {
     part: &'static Part,
     /// The board around the part, which says what its pins are wired to.
@@ -176,6 +192,10 @@ pub(crate) struct Peripherals {
     pub(crate) watched: Box<[u32]>,
     /// Such transfers: controller and stream or channel from zero on, and the word.
     pub(crate) reached: Vec<(usize, usize, u32)>,
+    /// Whether the bytes are noted that transfers write to.
+    pub(crate) notes_writes: bool,
+    /// Those bytes: the first and the last address.
+    pub(crate) written: Vec<Bytes>,
     /// Whether all transfers are noted.
     pub(crate) notes_transfers: bool,
     /// All of them: controller and stream or channel from zero on, when, and the address read.
@@ -251,6 +271,8 @@ impl Peripherals {
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
             watched: Box::default(),
+            notes_writes: false,
+            written: Vec::new(),
             notes_transfers: false,
             moved: Vec::new(),
             reached: Vec::new(),
@@ -262,6 +284,15 @@ impl Peripherals {
         peripherals.connect_can();
         peripherals.refresh();
         Ok(peripherals)
+    }
+
+    /// The same state, for a copy of the microcontroller with these memories and this place on the bus.
+    pub(crate) fn copy(&self, can: Option<CanLink>, memories: Vec<Ram>) -> Self {
+        Self {
+            can,
+            memories,
+            ..self.clone()
+        }
     }
 
     pub(crate) fn clock(&self) -> &LocalClock {
@@ -283,6 +314,7 @@ impl Peripherals {
             || self.can_written
             || self.seen_generation != self.generation
             || !self.reached.is_empty()
+            || !self.written.is_empty()
     }
 
     /// The run loop has processed the peripherals.
@@ -1287,6 +1319,9 @@ impl Peripherals {
             self.moved.push((controller, unit, self.now, item.from));
         }
         let bytes = (item.to, item.to.saturating_add(item.to_size - 1));
+        if self.notes_writes {
+            self.written.push(bytes);
+        }
         let words = among(&self.watched, bytes);
         self.reached
             .extend(words.map(|word| (controller, unit, word)));
@@ -1394,6 +1429,22 @@ pub(crate) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
         Some(RegionKind::Io(registers)) => Arc::clone(registers),
         _ => panic!("{} has no register block", device.class().name),
     }
+}
+
+/// Brings a device of the emulator into the state of another one of its kind.
+pub(crate) fn transfer(from: &dyn Device, to: &dyn Device) {
+    carry(from, to).expect("a device reads the state that one of its kind has written");
+}
+
+fn carry(from: &dyn Device, to: &dyn Device) -> Result<(), rsemu::Error> {
+    const PATH: &str = "device";
+    let mut writer = StateWriter::new(MachineShape::new());
+    from.save(&mut writer.chunk(PATH, from.class().name, 0)?)?;
+    let bytes = writer.to_vec()?;
+    let (_, _, state) = StateReader::new(&bytes)?.load_raw(PATH)?;
+    let mut reader = ChunkReader::new(state);
+    to.load(&mut reader)?;
+    reader.end()
 }
 
 pub(crate) fn read_word(registers: &dyn MemOps, offset: u32) -> Option<u32> {

@@ -58,7 +58,7 @@ struct Active {
     compare: [u32; CHANNELS],
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Pulses {
     registers: [u32; LAST as usize / 4 + 1],
     active: Active,

@@ -84,7 +84,7 @@ enum Source {
     Pll,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Rcc {
     part: &'static Part,
     registers: [u32; 0x98 / 4],

@@ -5,7 +5,7 @@ use crate::part::{Family, Part};
 
 /// The flash interface (RM0390 3.8, RM0316 4.5): access control only. Programming and erasing are
 /// not modelled, and the control registers stay locked.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Flash {
     family: Family,
     acr: u32,
@@ -61,7 +61,7 @@ const LEVEL: u32 = 5;
 
 /// Power control (RM0390 5.4, RM0316 7.4): voltage detector, and regulator scale and over-drive on
 /// the F446.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Pwr {
     part: &'static Part,
     cr: u32,

@@ -27,8 +27,19 @@ impl WireSink for Probe {
     }
 }
 
+impl Probe {
+    /// Takes over what another one has seen.
+    fn follow(&self, other: &Self) {
+        self.high
+            .store(other.high.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.rises
+            .store(other.rises.load(Ordering::Relaxed), Ordering::Relaxed);
+    }
+}
+
 #[derive(Debug)]
 pub(crate) struct Timer {
+    number: u8,
     model: Tim,
     registers: Arc<dyn MemOps>,
     interrupt: Arc<Probe>,
@@ -39,6 +50,23 @@ pub(crate) struct Timer {
     origin_tick: u64,
     /// True while the timer's clock gate is open.
     clocked: bool,
+}
+
+impl Clone for Timer {
+    fn clone(&self) -> Self {
+        let copy = Self::new(self.number).expect("a timer of this number has been made before");
+        super::transfer(&self.model, &copy.model);
+        // The model drives its outputs as it takes its state over.
+        copy.interrupt.follow(&self.interrupt);
+        copy.trigger.follow(&self.trigger);
+        Self {
+            divider: self.divider,
+            origin_cycle: self.origin_cycle,
+            origin_tick: self.origin_tick,
+            clocked: self.clocked,
+            ..copy
+        }
+    }
 }
 
 impl Timer {
@@ -66,6 +94,7 @@ impl Timer {
         }
         let registers = super::registers_of(&model);
         Ok(Self {
+            number,
             model,
             registers,
             interrupt,

@@ -109,7 +109,7 @@ const RXNE: u32 = 1 << 5;
 const TC: u32 = 1 << 6;
 const TXE: u32 = 1 << 7;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Usart {
     family: Family,
     cr1: u32,

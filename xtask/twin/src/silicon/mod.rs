@@ -60,7 +60,7 @@ impl std::error::Error for Violation {}
 const KEPT: usize = 64;
 
 /// The violations of one node, oldest first.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Log(Vec<Violation>);
 
 impl Log {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use twin::image::Image;
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
+use vehicle_model::Vehicle;
 
 /// Writes Thumb instructions behind a vector table (ARMv7-M architecture manual A7.7).
 pub(crate) struct Program {
@@ -128,4 +129,31 @@ impl Program {
     pub(crate) fn start(&self, part: &'static Part, board: &Board) -> Mcu {
         Mcu::new(self.image(part), board, None)
     }
+}
+
+/// Boards with the devices of a rover, as in the world's tests.
+pub(crate) fn vehicle() -> Vehicle {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/vehicles/uagv");
+    let uagv = Vehicle::read(folder.as_ref()).unwrap();
+    let network = std::fs::read_to_string(uagv.network_file()).unwrap();
+    let manifest = include_str!("../../../world/tests/boards_in_row/vehicle.toml");
+    Vehicle::parse("rover", "rover".as_ref(), manifest, &network).unwrap()
+}
+
+/// A program as an ELF file with one segment (System V ABI, chapters 4 and 5).
+pub(crate) fn elf(program: &Program, part: &'static Part) -> Vec<u8> {
+    let flash = program.image(part);
+    let flash = flash.flash();
+    let mut file = b"\x7FELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
+    let word = |file: &mut Vec<u8>, words: &[u32]| {
+        file.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    };
+    let base = part.flash.base;
+    // Executable for ARM; entry; program headers at 52; flags; sizes and counts.
+    word(&mut file, &[2 | 40 << 16, 1, base, 52, 0, 0x0500_0000]);
+    word(&mut file, &[52 | 32 << 16, 1 | 40 << 16, 0]);
+    let size = flash.len() as u32;
+    word(&mut file, &[1, 84, base, base, size, size, 5, 4]);
+    file.extend(flash);
+    file
 }
