@@ -1,6 +1,6 @@
 //! Definition and parsing of the command line.
 
-use std::{ffi::OsString, path::PathBuf};
+use std::{ffi::OsString, path::PathBuf, time::Duration};
 
 use clap::{
     ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind,
@@ -12,6 +12,7 @@ use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
     selftest::Bus,
+    sim::Can,
     vehicle::{DEFAULT, SMALLEST},
 };
 
@@ -48,7 +49,10 @@ pub enum Command {
     /// Write a node's release image to a board with probe-rs and show the node's log.
     Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
-    Sim(Box<Sim>),
+    Sim(Sim),
+    /// Put the parts of a campaign of random faults or attacks together, or let machines run them.
+    #[command(subcommand)]
+    Campaign(Campaign),
     /// Ask the nodes on a bus for their self-test and show the results.
     Selftest(Selftest),
     /// Make the key of a network, and write it to the nodes.
@@ -57,6 +61,8 @@ pub enum Command {
     New(New),
     /// Show what happened in the log of a CAN bus.
     Analyse(Analyse),
+    /// Watch a bus against its schedule, as it happens.
+    Monitor(Monitor),
     /// Compute the steering's calibration from a recorded drive.
     Calibrate(Calibrate),
     /// Measure the cycles, code and RAM of the protocol stack and the control step.
@@ -328,7 +334,7 @@ pub enum Kind {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask sim                                straight-line, figures on the terminal\n  \
-    cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
+    cargo xtask sim gps-lost --seed 7 --out run    and run/run.html, which plays the run; bus.log, states.csv, ...\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim departures/steering-reversed   a vehicle that does not do what it is told, and is stopped\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
@@ -337,7 +343,11 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
-    cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n  \
+    cargo xtask sim --can slcan:/tmp/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
+    \x20 cargo xtask selftest --bus slcan:/tmp/bus\n  \
+    cargo xtask sim --faults 200                   random faults\n  \
+    cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
+    \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
     cargo xtask sim --faults 200 --attacker        a node that knows the sources, but not the key: floods,\n                                                 \
     \x20 forged and replayed frames, destroyed ones\n  \
     cargo xtask sim --gdb controller               gdb debugs the controller, forwards and backwards:\n                                                 \
@@ -375,6 +385,7 @@ pub struct Sim {
         long,
         value_name = "N",
         default_value_t = 1,
+        value_parser = whole::<u64>(0..=u64::MAX),
         allow_hyphen_values = true
     )]
     pub seed: u64,
@@ -384,7 +395,7 @@ pub struct Sim {
     /// Number of seeds of an experiment, from --seed upwards
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
         conflicts_with_all = ["scenario", "seconds", "faults"],
-        value_parser = clap::value_parser!(u64).range(1..=1000))]
+        value_parser = whole::<u64>(1..=1000))]
     pub seeds: u64,
     /// Run an experiment with the control law alone, without images and bus: seconds
     /// instead of an hour
@@ -393,7 +404,7 @@ pub struct Sim {
     /// Run N random fault sequences instead, with seeds from --seed upwards, and report
     /// those that broke a rule
     #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
-        value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+        allow_hyphen_values = true, value_parser = whole::<u64>(1..=100_000_000))]
     pub faults: Option<u64>,
     /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
     /// and destroys frames, and forges the time
@@ -403,8 +414,20 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
-    /// Folder for bus.log, states.csv, summary.json and track.svg (row.svg of a rover), an experiment's
-    /// experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
+    /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
+    #[arg(long, requires_all = ["faults", "out"])]
+    pub resume: bool,
+    /// Run at the pace of real time, or at SPEED times that
+    #[arg(long, value_name = "SPEED", num_args = 0..=1, default_missing_value = "1", value_parser = speed,
+        allow_hyphen_values = true, conflicts_with_all = ["faults", "experiment", "list"])]
+    pub real_time: Option<f64>,
+    /// Let other programs join the virtual bus, at the pace of real time: slcan, slcan:LINK or
+    /// socketcan:INTERFACE
+    #[arg(long, value_name = "BUS", conflicts_with_all = ["faults", "experiment", "list"])]
+    pub can: Option<Can>,
+    /// Folder for a run's run.html, run.mcap, bus.log, states.csv, consoles, logs, display.txt, motors.csv,
+    /// summary.json and pictures, an experiment's experiment.json and runs.csv, or the fault sequences'
+    /// faults.json (faults-I-of-N.json of a shard) [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the figures as JSON
@@ -412,7 +435,8 @@ pub struct Sim {
     pub json: bool,
     /// Let gdb debug a node, forwards and backwards, at localhost:PORT [default: 3333]; the other nodes, bus and
     /// world stand still with it
-    #[arg(long, value_name = "NODE[:PORT]", conflicts_with_all = ["experiment", "faults", "json", "list"])]
+    #[arg(long, value_name = "NODE[:PORT]",
+        conflicts_with_all = ["experiment", "faults", "json", "list", "can", "real_time"])]
     pub gdb: Option<crate::sim::Place>,
     /// Run so far before gdb is let in: "12.5 s", frame:0x12C, frame:MESSAGE, mode:NAME or reset:NODE
     #[arg(long, value_name = "WHERE", requires = "gdb")]
@@ -420,6 +444,29 @@ pub struct Sim {
     /// List the scenarios instead of running one
     #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "attacker", "out"])]
     pub list: bool,
+}
+
+/// Reads a whole number of a range.
+fn whole<N: TryFrom<u64> + 'static>(
+    range: std::ops::RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<N, String> + Clone + Send + Sync {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let number = number.and_then(|number| N::try_from(number).ok());
+        let (from, to) = (range.start(), range.end());
+        number.ok_or_else(|| format!("a whole number from {from} to {to} is accepted"))
+    }
+}
+
+fn wall_seconds(text: &str) -> Result<Duration, String> {
+    let simulated = seconds(text)?;
+    Ok(Duration::from_nanos(simulated.as_ticks() / 1000))
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
+    speed.ok_or_else(|| "a number from 0.001 to 100 is accepted".to_owned())
 }
 
 fn seconds(text: &str) -> Result<SimDuration, String> {
@@ -431,6 +478,127 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
             DURATIONS.end()
         )),
     }
+}
+
+/// What `campaign` does.
+#[derive(Debug, Subcommand)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask sim --faults 800 --shard 1/8 --out parts       on each machine with its number\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json        the report of all 800\n  \
+    cargo xtask campaign batch --engine parallel --faults 800 --shards 8 --out campaign.sh\n  \
+    cargo xtask campaign batch --engine slurm --faults 100000 --shards 200 --attacker > campaign.slurm")]
+pub enum Campaign {
+    /// Report the whole campaign from the files of its parts: as if one machine had run it.
+    Merge(Merge),
+    /// Write the file with which an engine runs the parts and collects them.
+    Batch(Batch),
+}
+
+/// Options of `campaign merge`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json --out parts/faults.json --json\n\n\
+    Exit code 1 if a sequence broke a rule, 2 if the files are not all the parts of one campaign: same\n\
+    vehicle, sequences, seed and images.")]
+pub struct Merge {
+    /// The files of all parts, as `sim --faults --shard I/N --out` writes them
+    #[arg(value_name = "FILE", required = true)]
+    pub files: Vec<PathBuf>,
+    /// File for the report of the whole campaign, equal to that of one run
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What runs the parts of a campaign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Engine {
+    /// GNU parallel, on one machine or several.
+    Parallel,
+    /// A job array of Slurm.
+    Slurm,
+    /// Indexed Jobs of Kubernetes, 1.33 or newer.
+    Kubernetes,
+}
+
+/// Options of `campaign batch`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask campaign batch --engine parallel --faults 800 --shards 8 --out campaign.sh; sh campaign.sh\n  \
+    cargo xtask campaign batch --engine slurm --faults 100000 --shards 200 --attacker --dir /shared/parts\n  \
+    cargo xtask campaign batch --engine kubernetes --faults 100000 --shards 200 --dir /parts \\\n      \
+    --image lab/furrow:1 --claim results\n\n\
+    A part that fails is tried three times, and each try goes on where the last one ended. The file's first\n\
+    lines say how it is run.")]
+pub struct Batch {
+    /// What runs the parts
+    #[arg(long, value_name = "ENGINE")]
+    pub engine: Engine,
+    /// Sequences of all parts
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=100_000_000))]
+    pub faults: u64,
+    /// Parts
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=100_000))]
+    pub shards: u64,
+    /// Attacks in place of faults
+    #[arg(long)]
+    pub attacker: bool,
+    /// Seed of the first sequence
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX), allow_hyphen_values = true)]
+    pub seed: u64,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Folder for the files of the parts, which all machines share
+    #[arg(long, value_name = "DIR", default_value = "campaign")]
+    pub dir: String,
+    /// Container for Kubernetes
+    #[arg(long, value_name = "NAME")]
+    pub image: Option<String>,
+    /// Volume claim for the results, for Kubernetes
+    #[arg(long, value_name = "NAME")]
+    pub claim: Option<String>,
+    /// File to write [default: print it]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of `monitor`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask monitor --vehicle uagv socketcan:can0      nodes, messages and windows, until Ctrl-C\n  \
+    cargo xtask monitor --vehicle uagv slcan:/dev/ttyACM0 --record drive.log\n  \
+    cargo xtask monitor --vehicle uagv slcan:/tmp/bus --seconds 5 --json    beside cargo xtask sim --can slcan:/tmp/bus\n  \
+    cargo xtask monitor twin --seconds 5                   the virtual vehicle\n\n\
+    A node is dead when nothing has come of it for three basic cycles, lost when half of its frames are out of\n\
+    their windows, and babbles when it sends more than twice what is planned. Adapters report a frame up to some\n\
+    milliseconds late, so a frame counts as outside its window only if it is more than 4 ms away from it.\n\
+    cargo xtask analyse reads the record, and any other log.")]
+pub struct Monitor {
+    /// twin, socketcan:INTERFACE or slcan:PORT[@BAUD]
+    #[arg(value_name = "BUS")]
+    pub bus: Bus,
+    /// Vehicle, a folder below firmware/vehicles [default: uagv on the twin]
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Option<String>,
+    /// Value in place of the manifest's, as rover.law=thesis; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
+    pub set: Vec<Override>,
+    /// Stop after N seconds [default: at Ctrl-C]
+    #[arg(long, value_name = "N", value_parser = wall_seconds, allow_hyphen_values = true)]
+    pub seconds: Option<Duration>,
+    /// File for the frames, in the format of candump -l; one that is there is not replaced
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Print the last picture as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `analyse`.
@@ -548,19 +716,19 @@ pub struct Schedule {
     pub json: bool,
     /// Share of time for arbitrating windows, in thousandths [default: that of the file, or one window]
     #[arg(long, value_name = "N", requires = "method",
-        value_parser = clap::value_parser!(u16).range(0..=1000))]
+        value_parser = whole::<u16>(0..=1000))]
     pub arbitrating: Option<u16>,
     /// Share of time that must stay free, in thousandths
     #[arg(long, value_name = "N", requires = "method", default_value_t = 0,
-        value_parser = clap::value_parser!(u16).range(0..=1000))]
+        value_parser = whole::<u16>(0..=1000))]
     pub free: u16,
     /// Starts and lengths of windows are multiples of this, in microseconds
     #[arg(long, value_name = "US", requires = "method", default_value_t = 1,
-        value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        value_parser = whole::<u32>(1..=100_000))]
     pub grain: u32,
     /// Longest basic cycle to consider, in milliseconds [default: the reference's period in the file]
     #[arg(long, value_name = "MS", requires = "method",
-        value_parser = clap::value_parser!(u32).range(1..=1000))]
+        value_parser = whole::<u32>(1..=1000))]
     pub longest_cycle: Option<u32>,
 }
 
@@ -685,10 +853,14 @@ pub struct Test {
 pub enum Error {
     /// There is no command.
     #[error(
-        "no command is given: {} are accepted; see `cargo xtask --help`",
-        commands().join(", ")
+        "no command is given: {} are accepted; see `cargo xtask {}--help`",
+        commands(command.as_deref()).join(", "),
+        word(command)
     )]
-    NoCommand,
+    NoCommand {
+        /// The command that has further ones; `None` if there is none at all.
+        command: Option<String>,
+    },
     /// An argument is not accepted, or one is missing.
     #[error("{}; see `cargo xtask {}--help`", sentence(error), word(command))]
     Words {
@@ -709,6 +881,10 @@ pub enum Error {
 
 /// The request of a command line.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one in a run of the program"
+)]
 pub enum Request {
     /// Run a command.
     Run(Command),
@@ -723,8 +899,7 @@ pub enum Request {
 /// One sentence that says what is wrong and what is accepted.
 pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Error> {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let command = arguments.get(1).and_then(|word| word.to_str());
-    let command = command.map(String::from);
+    let command = named(&arguments);
     let read = Cli::command().try_get_matches_from(arguments);
     match read.and_then(|words| Ok((Cli::from_arg_matches(&words)?, words))) {
         Ok((cli, words)) => match values_once(&words) {
@@ -736,21 +911,18 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, E
                 Ok(Request::Show(error.render().to_string()))
             }
             ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-                Err(Error::NoCommand)
+                Err(Error::NoCommand { command })
             }
-            _ => Err(Error::Words {
-                error,
-                command: command.filter(|word| commands().contains(word)),
-            }),
+            _ => Err(Error::Words { error, command }),
         },
     }
 }
 
 /// Checks that no value of the manifest is given twice, be it by --bus or by --set.
 fn values_once(words: &ArgMatches) -> Result<(), String> {
-    let Some((_, words)) = words.subcommand() else {
-        return Ok(());
-    };
+    if let Some((_, words)) = words.subcommand() {
+        return values_once(words);
+    }
     // Not every command has --set, and the --bus of `selftest` is a place.
     let set = words.try_get_many::<Override>("set").ok().flatten();
     let set = Overrides::each_once(set.into_iter().flatten().cloned())?;
@@ -764,10 +936,28 @@ fn values_once(words: &ArgMatches) -> Result<(), String> {
     Ok(())
 }
 
-fn commands() -> Vec<String> {
+/// The command that a command line names, with the one of its own that follows, as in `keys new`.
+fn named(arguments: &[OsString]) -> Option<String> {
+    let mut words = arguments.iter().skip(1).map_while(|word| word.to_str());
+    let first = words
+        .next()
+        .filter(|&word| commands(None).iter().any(|one| one == word))?;
+    let own = commands(Some(first));
+    let second = words
+        .next()
+        .filter(|&word| own.iter().any(|one| one == word));
+    Some(second.map_or_else(|| first.to_owned(), |second| format!("{first} {second}")))
+}
+
+/// The names of all commands, or of those that a command has itself.
+fn commands(of: Option<&str>) -> Vec<String> {
     let cli = Cli::command();
-    let names = cli.get_subcommands().map(|command| command.get_name());
-    names.map(String::from).collect()
+    let command = match of {
+        Some(name) => cli.find_subcommand(name),
+        None => Some(&cli),
+    };
+    let own = command.into_iter().flat_map(clap::Command::get_subcommands);
+    own.map(|command| command.get_name().to_owned()).collect()
 }
 
 /// The first paragraph of a clap error, which describes the error, on one line.
@@ -961,7 +1151,7 @@ mod tests {
 
     #[test]
     fn every_command_has_help_with_examples() {
-        for command in std::iter::once(String::new()).chain(commands()) {
+        for command in std::iter::once(String::new()).chain(commands(None)) {
             let line = format!("xtask {command} --help").replace("  ", " ");
             let Ok(Request::Show(text)) = words(&line) else {
                 panic!("no help: {line}");

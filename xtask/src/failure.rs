@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, board, build, cli, experiment, file, keys, new, probe, schedulability, selftest,
-    sim, size, target, test, vehicle, workspace,
+    audit, bench, board, build, campaigns, cli, experiment, file, keys, monitor, new, probe,
+    schedulability, selftest, sim, size, target, test, vehicle, workspace,
 };
 
 /// Why a command ends without success; displays as one sentence.
@@ -26,6 +26,9 @@ pub enum Failure {
     /// `test --board`.
     #[error(transparent)]
     Board(#[from] board::Error),
+    /// `campaign`.
+    #[error(transparent)]
+    Campaign(#[from] campaigns::Error),
     /// The command line.
     #[error(transparent)]
     Cli(#[from] cli::Error),
@@ -35,6 +38,9 @@ pub enum Failure {
     /// `keys`.
     #[error(transparent)]
     Keys(#[from] keys::Error),
+    /// `monitor`.
+    #[error(transparent)]
+    Monitor(#[from] monitor::Error),
     /// `new`.
     #[error(transparent)]
     New(#[from] new::Error),
@@ -83,10 +89,11 @@ impl Failure {
     /// The exit code of the program: 2 when the command line or an input file is wrong, else 1.
     pub fn exit_code(&self) -> u8 {
         let usage = match self {
-            Failure::Usage(_) | Failure::Folder(_) => true,
+            Failure::Usage(_) | Failure::Folder(_) | Failure::Campaign(_) => true,
             Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
             Failure::Bench(error) => error.is_usage(),
             Failure::Keys(error) => error.is_usage(),
+            Failure::Monitor(error) => error.is_usage(),
             Failure::New(error) => error.is_usage(),
             Failure::Experiment(error) => error.is_usage(),
             Failure::Probe(error) => error.is_usage(),

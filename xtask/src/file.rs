@@ -52,18 +52,69 @@ pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Error> {
     try_replace(path, text).map_err(|error| Error::of(path, Why::Write(error)))
 }
 
+/// Whether [`put`] can write a file, found out before a long computation.
+///
+/// # Errors
+///
+/// It cannot.
+pub(crate) fn check(path: &Path) -> Result<(), Error> {
+    let check = || match fs::metadata(path) {
+        Ok(there) if !there.is_file() => Err(in_the_way()),
+        _ => {
+            let temporary = temporary(path);
+            private(&temporary)?;
+            fs::remove_file(&temporary)
+        }
+    };
+    check().map_err(|error| Error::of(path, Why::Write(error)))
+}
+
+fn in_the_way() -> io::Error {
+    io::Error::other("something that is no regular file is in the way")
+}
+
+/// A hidden name beside a file.
+fn temporary(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.{}", process::id()))
+}
+
+/// Writes a file whole, or replaces one by a rename. What is no regular file stays as it is.
+///
+/// # Errors
+///
+/// It cannot be written; what was there stays.
+pub(crate) fn put(path: &Path, text: &str) -> Result<(), Error> {
+    let put = || {
+        if fs::metadata(path).is_ok() {
+            return try_replace(path, text);
+        }
+        let temporary = temporary(path);
+        let written = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, path));
+        if written.is_err() {
+            // An incomplete temporary file is of no use.
+            let _ = fs::remove_file(&temporary);
+        }
+        written
+    };
+    put().map_err(|error| Error::of(path, Why::Write(error)))
+}
+
 fn try_replace(path: &Path, text: &str) -> io::Result<()> {
     // A link is followed, so that the file is replaced and not the link.
     let path = fs::canonicalize(path)?;
-    let permissions = fs::metadata(&path)?.permissions();
+    let metadata = fs::metadata(&path)?;
+    if !metadata.is_file() {
+        return Err(in_the_way());
+    }
+    let permissions = metadata.permissions();
     if permissions.readonly() {
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,
             "it is read-only",
         ));
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = path.with_file_name(format!(".{name}.{}", process::id()));
+    let temporary = temporary(&path);
     let written = (|| {
         let mut file = private(&temporary)?;
         file.write_all(text.as_bytes())?;

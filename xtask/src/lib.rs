@@ -14,9 +14,12 @@ pub mod bench;
 pub mod board;
 pub mod build;
 pub mod calibrate;
+pub mod campaigns;
 pub mod cli;
 pub mod experiment;
+pub mod interrupt;
 pub mod keys;
+pub mod monitor;
 pub mod new;
 pub mod probe;
 pub mod schedulability;
@@ -68,6 +71,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Analyse(options) => analyse::run(&workspace, &options),
+        cli::Command::Campaign(options) => campaigns::run(&workspace, &options),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => {
@@ -78,6 +82,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         }
         cli::Command::Run(options) => probe::run(&workspace, probe::Action::Run, &options.board),
         cli::Command::Keys(options) => keys::run(&workspace, &options),
+        cli::Command::Monitor(options) => monitor::run(&workspace, &options),
         cli::Command::New(options) => new::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),

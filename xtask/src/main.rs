@@ -3,5 +3,6 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    xtask::interrupt::clean_up_on_signals();
     xtask::run(std::env::args_os())
 }

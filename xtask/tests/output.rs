@@ -5,6 +5,8 @@
 use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Commands that print, some of them more than a pipe holds or with an error's exit code.
 const COMMANDS: [&[&str]; 8] = [
@@ -73,4 +75,41 @@ fn without_a_reader_of_errors_the_exit_code_stays() {
         .unwrap();
     drop(program.stderr.take());
     assert_eq!(program.wait().unwrap().code(), Some(2));
+}
+
+/// Ctrl-C and the end that a system asks for leave nothing behind.
+#[test]
+fn an_interrupted_run_leaves_no_folder() {
+    for (name, code) in [("INT", 130), ("TERM", 143)] {
+        let parent = tempfile::tempdir().unwrap();
+        let out = parent.path().join("run");
+        let mut run = command(&["sim", "--vehicle", "two-boards", "--seconds", "80000"])
+            .arg("--out")
+            .arg(&out)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begin = Instant::now();
+        while fs::read_dir(parent.path()).unwrap().count() == 0 {
+            assert_eq!(run.try_wait().unwrap(), None, "it has ended");
+            assert!(begin.elapsed() < Duration::from_secs(60), "no folder");
+            thread::sleep(Duration::from_millis(10));
+        }
+        // A second run into the same folder is told so.
+        let second = command(&["sim", "--vehicle", "two-boards", "--seconds", "1", "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
+        let said = String::from_utf8(second.stderr).unwrap();
+        assert!(said.contains("another run writes to it"), "{said}");
+        assert_eq!(second.status.code(), Some(2));
+
+        let pid = run.id().to_string();
+        let kill = Command::new("kill").args(["-s", name, &pid]).status();
+        assert!(kill.unwrap().success());
+        let done = run.wait().unwrap();
+        assert_eq!(done.code(), Some(code), "{name}");
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0, "{name}");
+    }
 }

@@ -5,8 +5,15 @@
 //! them up in a [`Report`]. [`agreement`] compares the nodes' global times; [`traffic`] puts the
 //! frames of any run together and judges their places by the network file.
 
+use std::borrow::Cow;
+
+/// A word of this crate: of a rule, or of a kind of attack.
+pub type Word = Cow<'static, str>;
+
 pub mod agreement;
 pub mod attack;
+mod journal;
+mod merge;
 mod options;
 mod report;
 pub mod rules;
@@ -14,8 +21,10 @@ mod run;
 mod sequence;
 pub mod traffic;
 
+pub use journal::{Journal, JournalError};
+pub use merge::{MergeError, merge};
 pub use options::{Options, Shard, ShardError, Trouble};
-pub use report::{Report, Verdict};
+pub use report::{Campaign, Cause, Report, Verdict};
 pub use rules::Violation;
 pub use run::{Progress, replay, run, stall};
 pub use sequence::{Sequence, Upset};

@@ -2,11 +2,21 @@
 
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 /// Which part of the sequences is run here: every `of`-th, from the `index`-th on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub struct Shard {
     pub(crate) index: u64,
     pub(crate) of: u64,
+}
+
+impl Shard {
+    /// How many of `all` sequences it has.
+    pub(crate) const fn sequences(self, all: u64) -> u64 {
+        all / self.of + (self.index <= all % self.of) as u64
+    }
 }
 
 impl Default for Shard {
@@ -55,8 +65,23 @@ impl std::fmt::Display for Shard {
     }
 }
 
+impl From<Shard> for String {
+    fn from(shard: Shard) -> Self {
+        shard.to_string()
+    }
+}
+
+impl TryFrom<String> for Shard {
+    type Error = ShardError;
+
+    fn try_from(text: String) -> Result<Self, ShardError> {
+        text.parse()
+    }
+}
+
 /// What happens in the sequences of a campaign.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Trouble {
     /// Random faults.
     Faults,

@@ -3,14 +3,19 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use vehicle_model::Vehicle;
+use object::{Object, ObjectSegment};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use twin::Images;
+use vehicle_model::{NodeIndex, Vehicle};
 
+use crate::Word;
 use crate::attack::Tally;
-use crate::options::{Options, Trouble};
+use crate::options::{Options, Shard, Trouble};
 use crate::rules::Violation;
 
 /// The outcome of one sequence.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Its seed, which replays it.
     pub seed: u64,
@@ -23,39 +28,105 @@ pub struct Verdict {
     pub tally: Tally,
 }
 
-/// The outcome of all sequences.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Report {
+/// What all parts of a campaign have in common.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Campaign {
     /// Name of the vehicle.
     pub vehicle: String,
-    /// Seed of the first sequence of all shards.
+    /// What happens in its sequences.
+    pub trouble: Trouble,
+    /// Sequences of all parts.
+    pub sequences: u64,
+    /// Seed of the first of them.
     pub seed: u64,
-    /// The shard, as `i/n`.
-    pub shard: String,
+    /// Of each node, the digest of what is in its flash (the first half of SHA-256): other images are
+    /// another campaign.
+    pub images: BTreeMap<String, String>,
+}
+
+impl Campaign {
+    /// The campaign of these options.
+    #[must_use]
+    pub fn new(vehicle: &Vehicle, images: &Images, options: &Options) -> Self {
+        let digest = |(node, file): (NodeIndex, &[u8])| {
+            let name = vehicle.node(node).name.clone();
+            (name, digest(file))
+        };
+        Self {
+            vehicle: vehicle.name().to_owned(),
+            trouble: options.trouble,
+            sequences: options.sequences,
+            seed: options.seed,
+            images: images.iter().map(digest).collect(),
+        }
+    }
+}
+
+/// The digest of a program: of its loadable segments, so that paths in the debug information do not
+/// count.
+fn digest(elf: &[u8]) -> String {
+    let mut hash = Sha256::new();
+    let file = object::File::parse(elf).ok();
+    for segment in file.iter().flat_map(|file| file.segments()) {
+        hash.update(segment.address().to_le_bytes());
+        hash.update(segment.data().unwrap_or_default());
+    }
+    let bytes = hash.finalize();
+    let first = bytes.iter().take(16);
+    first.map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Failures that have the same first cause.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cause {
+    /// The rule that was broken first.
+    pub rule: Word,
+    /// What happened then, with `#` for each number.
+    pub what: String,
+    /// Sequences.
+    pub count: u64,
+    /// Seeds of the first of them.
+    pub seeds: Vec<u64>,
+}
+
+/// Most seeds that a [`Cause`] names.
+const SEEDS: usize = 5;
+
+/// The outcome of all sequences, or of those of one part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Report {
+    /// The campaign.
+    pub campaign: Campaign,
+    /// The part that was run, as `i/n`.
+    pub shard: Shard,
     /// Sequences that were run.
     pub sequences: u64,
     /// Simulated time of all of them, s.
     pub simulated_seconds: f64,
     /// How often each rule was broken.
-    pub broken_rules: BTreeMap<&'static str, u64>,
+    pub broken_rules: BTreeMap<Word, u64>,
     /// What the attacks did; `None` in a campaign without an attacker.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attacks: Option<Tally>,
+    /// The failures by first cause, the most frequent first.
+    pub causes: Vec<Cause>,
     /// The sequences that broke a rule, by seed.
     pub failures: Vec<Verdict>,
 }
 
 impl Report {
-    pub(crate) fn new(vehicle: &Vehicle, options: &Options) -> Self {
+    pub(crate) fn new(campaign: Campaign, shard: Shard) -> Self {
         Self {
-            vehicle: vehicle.name().to_owned(),
-            seed: options.seed,
-            shard: options.shard.to_string(),
+            shard,
             sequences: 0,
             simulated_seconds: 0.0,
             broken_rules: BTreeMap::new(),
-            attacks: (options.trouble != Trouble::Faults).then(Tally::default),
+            attacks: (campaign.trouble != Trouble::Faults).then(Tally::default),
+            causes: Vec::new(),
             failures: Vec::new(),
+            campaign,
         }
     }
 
@@ -64,19 +135,35 @@ impl Report {
         if let Some(attacks) = &mut self.attacks {
             attacks.add(&verdict.tally);
         }
+        self.fail(verdict);
+    }
+
+    fn fail(&mut self, verdict: Verdict) {
         if verdict.violations.is_empty() {
             return;
         }
         for violation in &verdict.violations {
-            *self.broken_rules.entry(violation.rule).or_default() += 1;
+            *self.broken_rules.entry(violation.rule.clone()).or_default() += 1;
         }
         self.failures.push(verdict);
+    }
+
+    /// Adds the sequences of another part.
+    pub(crate) fn add(&mut self, part: Self) {
+        self.sequences += part.sequences;
+        if let (Some(attacks), Some(more)) = (&mut self.attacks, &part.attacks) {
+            attacks.add(more);
+        }
+        for verdict in part.failures {
+            self.fail(verdict);
+        }
     }
 
     /// Puts the failures in order, whatever thread was first.
     pub(crate) fn finish(&mut self) {
         self.simulated_seconds = self.sequences as f64 * crate::sequence::END;
         self.failures.sort_by_key(|verdict| verdict.seed);
+        self.causes = causes(&self.failures);
     }
 
     /// The report as JSON, one object; the fields are those of this type.
@@ -87,6 +174,51 @@ impl Report {
     pub fn json(&self) -> String {
         serde_json::to_string_pretty(self).expect("numbers and texts") + "\n"
     }
+}
+
+/// The failures by what broke first.
+fn causes(failures: &[Verdict]) -> Vec<Cause> {
+    let mut causes: BTreeMap<(Word, String), (u64, Vec<u64>)> = BTreeMap::new();
+    for verdict in failures {
+        let by_time = |one: &&Violation, other: &&Violation| one.at.total_cmp(&other.at);
+        let Some(first) = verdict.violations.iter().min_by(by_time) else {
+            continue;
+        };
+        let key = (first.rule.clone(), without_numbers(&first.what));
+        let (count, seeds) = causes.entry(key).or_default();
+        *count += 1;
+        if seeds.len() < SEEDS {
+            seeds.push(verdict.seed);
+        }
+    }
+    let mut causes: Vec<Cause> = causes
+        .into_iter()
+        .map(|((rule, what), (count, seeds))| Cause {
+            rule,
+            what,
+            count,
+            seeds,
+        })
+        .collect();
+    causes.sort_by_key(|cause| core::cmp::Reverse(cause.count));
+    causes
+}
+
+/// A sentence with `#` in place of each number.
+fn without_numbers(text: &str) -> String {
+    let mut out = String::new();
+    let mut in_number = false;
+    for one in text.chars() {
+        let digit = one.is_ascii_digit() || (in_number && one == '.');
+        if digit && !in_number {
+            out.push('#');
+        }
+        if !digit {
+            out.push(one);
+        }
+        in_number = digit;
+    }
+    out
 }
 
 impl fmt::Display for Report {
@@ -107,8 +239,27 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "  replay it with: cargo xtask sim --faults 1{attacker} --seed {} --vehicle {}",
-                verdict.seed, self.vehicle
+                verdict.seed, self.campaign.vehicle
             )?;
+        }
+        if self.failures.len() > 1 {
+            writeln!(f, "first causes:")?;
+            for cause in &self.causes {
+                let seeds: Vec<String> = cause.seeds.iter().map(u64::to_string).collect();
+                writeln!(
+                    f,
+                    "  {:>6}  {}: {} (seeds {}{})",
+                    cause.count,
+                    cause.rule,
+                    cause.what,
+                    seeds.join(", "),
+                    if cause.count > seeds.len() as u64 {
+                        ", ..."
+                    } else {
+                        ""
+                    }
+                )?;
+            }
         }
         if let Some(attacks) = &self.attacks {
             write!(f, "{attacks}")?;
@@ -170,5 +321,45 @@ impl fmt::Display for Tally {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn failure(seed: u64, broken: &[(&str, f64, &str)]) -> Verdict {
+        let violation = |&(rule, at, what): &(&str, f64, &str)| Violation {
+            rule: Word::Owned(rule.to_owned()),
+            at,
+            what: what.to_owned(),
+        };
+        Verdict {
+            seed,
+            story: Vec::new(),
+            violations: broken.iter().map(violation).collect(),
+            tally: Tally::default(),
+        }
+    }
+
+    #[test]
+    fn failures_are_grouped_by_what_broke_first() {
+        let late = |at| format!("drive turns {at} ms after the last command");
+        let failures = [
+            failure(
+                3,
+                &[("stop", 5.0, &late("201.5")), ("place", 4.0, "message 300")],
+            ),
+            failure(7, &[("stop", 2.0, &late("305"))]),
+            failure(9, &[("stop", 2.0, &late("7"))]),
+        ];
+        let seen: Vec<_> = causes(&failures)
+            .into_iter()
+            .map(|cause| (cause.rule, cause.what, cause.count, cause.seeds))
+            .collect();
+        let stop = "drive turns # ms after the last command".to_owned();
+        assert_eq!(seen[0], ("stop".into(), stop, 2, vec![7, 9]));
+        assert_eq!(seen[1], ("place".into(), "message #".into(), 1, vec![3]));
+        assert_eq!(without_numbers("at 1.5 s. 2"), "at # s. #");
     }
 }

@@ -38,16 +38,17 @@ use vehicle_model::{BackupMaster, Device, NodeIndex, Vehicle};
 use world::SimTime;
 use world::scenario::Button;
 
+use crate::Word;
 use crate::sequence::{END, SETTLED, Sequence};
 use crate::traffic::{Matrix, Misplaced, Oscillator, Sent, Traffic};
 
 pub(crate) use attacks::attacked;
 
 /// A broken rule.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Violation {
     /// The rule, in a word.
-    pub rule: &'static str,
+    pub rule: Word,
     /// When, s since power-on.
     pub at: f64,
     /// What happened.
@@ -165,7 +166,7 @@ impl Judge<'_> {
         }
         violations.extend(self.steering());
         violations.extend(misplaced.map(|first| Violation {
-            rule: "place",
+            rule: "place".into(),
             at: seconds(first.frame.start),
             what: first.to_string(),
         }));
@@ -193,7 +194,7 @@ impl Judge<'_> {
         let (message, signal) = enabling(self.vehicle, motor)?;
         let commands = self.allowed(message, signal);
         self.driven(node, &commands).map(|(at, effort)| Violation {
-            rule: "stop",
+            rule: "stop".into(),
             at,
             what: format!(
                 "the motor of {} is driven with {effort:.2}, its last enabling command is older than two basic periods",
@@ -220,7 +221,7 @@ impl Judge<'_> {
             is_driven && uncovered((at, at + INSTANT), &allowed, &silent).is_some()
         })?;
         Some(Violation {
-            rule: "stop",
+            rule: "stop".into(),
             at: seconds(driven.at),
             what: format!(
                 "the motors of {} are driven with {:.2?}, their last enabling command is older than two basic periods",
@@ -246,7 +247,7 @@ impl Judge<'_> {
         let mut commands = self.traffic.genuine(message.id).filter(enables);
         let late = commands.find(|frame| seconds(frame.end) > stop + STOP_LINE)?;
         Some(Violation {
-            rule: "remote",
+            rule: "remote".into(),
             at: seconds(late.end),
             what: format!(
                 "{} lets the motors turn, the remote control has stopped them at {stop:.6} s",
@@ -265,7 +266,7 @@ impl Judge<'_> {
         let first = references.min_by_key(|message| message.id)?;
         let led = self.spans(self.traffic.genuine(first.id), REFERENCE_REACTION);
         self.driven(node, &led).map(|(at, effort)| Violation {
-            rule: "master",
+            rule: "master".into(),
             at,
             what: format!(
                 "the motor of {} is driven with {effort:.2}, the last reference of {} is older than two basic periods",
@@ -302,7 +303,7 @@ impl Judge<'_> {
         }
         free.extend(from.map(|from| (from, END)));
         self.driven(node, &free).map(|(at, effort)| Violation {
-            rule: "button",
+            rule: "button".into(),
             at,
             what: format!(
                 "the motor of {} is driven with {effort:.2} after the stop button",
@@ -344,7 +345,7 @@ impl Judge<'_> {
             None => "a framing error".into(),
         };
         Some(Violation {
-            rule: "wire",
+            rule: "wire".into(),
             at: seconds(garble.at),
             what: format!(
                 "the motor driver of {} reads {read}, which was not sent",
@@ -383,7 +384,7 @@ impl Judge<'_> {
             excused = beyond && (away || excused);
             if beyond && !excused {
                 return Some(Violation {
-                    rule: "steering",
+                    rule: "steering".into(),
                     at,
                     what: format!("the steering angle is {angle:.2} degrees"),
                 });
@@ -449,7 +450,7 @@ impl Judge<'_> {
             };
             if seen < least {
                 violations.push(Violation {
-                    rule: "presence",
+                    rule: "presence".into(),
                     at: SETTLED,
                     what: format!(
                         "{} sent {} {seen} times in the last {cycles} cycles",
@@ -503,7 +504,7 @@ impl Judge<'_> {
         let last = console.lines().rev().find(|line| line.starts_with("bus "));
         let scheduled = last.is_some_and(|line| line.starts_with("bus run"));
         (!scheduled).then(|| Violation {
-            rule: "presence",
+            rule: "presence".into(),
             at: END,
             what: format!(
                 "{} is not in schedule: {}",
@@ -522,7 +523,7 @@ impl Judge<'_> {
             frames.any(|frame| seconds(frame.start) >= SETTLED)
         });
         (self.leader().is_some() && masters.count() > 1).then(|| Violation {
-            rule: "masters",
+            rule: "masters".into(),
             at: SETTLED,
             what: "two time masters send references".into(),
         })
@@ -534,7 +535,7 @@ impl Judge<'_> {
         let name = &of.name;
         if of.locked_up {
             return Some(Violation {
-                rule: "reset",
+                rule: "reset".into(),
                 at: END,
                 what: format!("{name} is locked up"),
             });
@@ -561,7 +562,7 @@ impl Judge<'_> {
             }
         });
         strange.map(|(at, cause)| Violation {
-            rule: "reset",
+            rule: "reset".into(),
             at: seconds(*at),
             what: format!("{name} was reset by {cause:?}"),
         })

@@ -1,5 +1,6 @@
 //! Many sequences on all cores.
 
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
@@ -10,7 +11,7 @@ use world::{SimDuration, SimTime};
 
 use crate::attack::{Attacker, Tally};
 use crate::options::{Options, Shard, Trouble};
-use crate::report::{Report, Verdict};
+use crate::report::{Campaign, Report, Verdict};
 use crate::rules::{self, Violation, judge};
 use crate::sequence::{END, Sequence};
 
@@ -45,7 +46,7 @@ pub fn replay(
     let (violations, tally) = match judged {
         Ok(Ok(judged)) => judged,
         Ok(Err(TwinError::Violation { node, violation })) => alone(Violation {
-            rule: "silicon",
+            rule: "silicon".into(),
             at: violation.at.as_ticks() as f64 * 1e-12,
             what: format!("{node}: {violation}"),
         }),
@@ -54,7 +55,7 @@ pub fn replay(
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
             alone(Violation {
-                rule: "simulation",
+                rule: "simulation".into(),
                 at: 0.0,
                 what: text.unwrap_or("the simulation ended").to_owned(),
             })
@@ -159,7 +160,8 @@ fn instant(seconds: f64) -> SimTime {
     SimTime::from_ticks((seconds * 1e12).round() as u64)
 }
 
-/// Runs the sequences of a shard; `progress` is called after each of them.
+/// Runs the sequences of a shard that are not among the `earlier` ones; `each` is called after each of
+/// them.
 ///
 /// # Errors
 /// When an image is no program for its node's microcontroller.
@@ -167,18 +169,22 @@ pub fn run(
     vehicle: &Vehicle,
     images: &Images,
     options: &Options,
-    mut progress: impl FnMut(Progress),
+    earlier: Vec<Verdict>,
+    mut each: impl FnMut(&Verdict, Progress),
 ) -> Result<Report, TwinError> {
     let Shard { index, of } = options.shard;
-    let all = (options.sequences + of - index) / of;
+    let all = options.shard.sequences(options.sequences);
+    let done: BTreeSet<u64> = earlier.iter().map(|verdict| verdict.seed).collect();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = options.threads.unwrap_or(cores).max(1);
     let next = AtomicU64::new(0);
     let (sender, verdicts) = mpsc::channel();
-    let mut report = Report::new(vehicle, options);
+    let campaign = Campaign::new(vehicle, images, options);
+    let mut report = Report::new(campaign, options.shard);
+    earlier.into_iter().for_each(|verdict| report.take(verdict));
     std::thread::scope(|scope| {
         for _ in 0..threads {
-            let (sender, next) = (sender.clone(), &next);
+            let (sender, next, done) = (sender.clone(), &next, &done);
             scope.spawn(move || {
                 loop {
                     let turn = next.fetch_add(1, Ordering::Relaxed);
@@ -186,12 +192,11 @@ pub fn run(
                         return;
                     }
                     let number = turn * of + index - 1;
-                    let verdict = replay(
-                        vehicle,
-                        options.seed.wrapping_add(number),
-                        images,
-                        options.trouble,
-                    );
+                    let seed = options.seed.wrapping_add(number);
+                    if done.contains(&seed) {
+                        continue;
+                    }
+                    let verdict = replay(vehicle, seed, images, options.trouble);
                     let broken = verdict.is_err();
                     if sender.send(verdict).is_err() || broken {
                         return;
@@ -201,12 +206,15 @@ pub fn run(
         }
         drop(sender);
         for verdict in verdicts {
-            report.take(verdict?);
-            progress(Progress {
-                done: report.sequences,
+            let verdict = verdict?;
+            let failed = report.failures.len() as u64 + u64::from(!verdict.violations.is_empty());
+            let progress = Progress {
+                done: report.sequences + 1,
                 all,
-                failed: report.failures.len() as u64,
-            });
+                failed,
+            };
+            each(&verdict, progress);
+            report.take(verdict);
         }
         Ok(())
     })?;

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use embedded_can::{ExtendedId, Id, StandardId};
 
 use crate::Frame;
+use crate::confinement::ErrorKind;
 use crate::time::SimTime;
 
 /// One line of a log.
@@ -18,6 +19,53 @@ pub struct Line {
     pub interface: String,
     /// The frame. Data length codes above 8 are written as 8.
     pub frame: Frame,
+}
+
+/// A line for an error frame, as an interface of Linux with `berr-reporting` reports it
+/// (`linux/can/error.h`).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ErrorLine {
+    /// When the error was found; written rounded down to whole microseconds.
+    pub at: SimTime,
+    /// Name of the interface, such as `can0`.
+    pub interface: String,
+    /// What was found.
+    pub kind: ErrorKind,
+    /// Whether the sender of the frame found it.
+    pub transmitter: bool,
+}
+
+/// The identifier's bits of an error frame: it is one, a protocol was violated, the bus has an error.
+const ERROR: u32 = 0x2000_0000 | 0x08 | 0x80;
+/// Nobody acknowledged.
+const NO_ACKNOWLEDGE: u32 = 0x20;
+
+impl ErrorLine {
+    /// Further bits of the identifier, and the bytes 2 and 3 of the data: what was violated, and where.
+    const fn code(&self) -> (u32, u8, u8) {
+        let (id, what, place) = match self.kind {
+            ErrorKind::BitDominant => (0, 0x08, 0),
+            ErrorKind::BitRecessive => (0, 0x10, 0),
+            ErrorKind::Form => (0, 0x02, 0),
+            ErrorKind::Stuff => (0, 0x04, 0),
+            ErrorKind::Crc => (0, 0, 0x08),
+            ErrorKind::Acknowledge => (NO_ACKNOWLEDGE, 0, 0x19),
+        };
+        (id, if self.transmitter { what | 0x80 } else { what }, place)
+    }
+}
+
+impl fmt::Display for ErrorLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        stamp(f, self.at, &self.interface)?;
+        let (id, what, place) = self.code();
+        write!(f, "{:08X}#0000{what:02X}{place:02X}00000000", ERROR | id)
+    }
+}
+
+fn stamp(f: &mut fmt::Formatter<'_>, at: SimTime, interface: &str) -> fmt::Result {
+    let us = at.as_ticks() / PS_IN_US;
+    write!(f, "({:010}.{:06}) {interface} ", us / US_IN_S, us % US_IN_S)
 }
 
 /// Why a line is not a classical CAN frame of a candump log.
@@ -50,14 +98,7 @@ const US_IN_S: u64 = 1_000_000;
 
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let us = self.at.as_ticks() / PS_IN_US;
-        write!(
-            f,
-            "({:010}.{:06}) {} ",
-            us / US_IN_S,
-            us % US_IN_S,
-            self.interface
-        )?;
+        stamp(f, self.at, &self.interface)?;
         match self.frame.id() {
             Id::Standard(id) => write!(f, "{:03X}#", id.as_raw())?,
             Id::Extended(id) => write!(f, "{:08X}#", id.as_raw())?,

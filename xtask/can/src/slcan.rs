@@ -144,6 +144,89 @@ impl Decoder {
     }
 }
 
+/// The adapter's side: what answers a program that takes it for an adapter.
+#[derive(Clone, Debug, Default)]
+pub struct Adapter {
+    decoder: Decoder,
+    open: bool,
+    /// Whether frames have time stamps.
+    stamps: bool,
+}
+
+/// What an adapter does about a byte.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Reaction {
+    /// Answers the program.
+    pub answer: &'static str,
+    /// Sends a frame to the bus.
+    pub frame: Option<Frame>,
+}
+
+impl Adapter {
+    /// An adapter whose channel is closed.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes a byte of the program. The bit rate that it sets is acknowledged and means nothing.
+    pub fn take(&mut self, byte: u8) -> Reaction {
+        let answer = |answer| Reaction {
+            answer,
+            frame: None,
+        };
+        match self.decoder.push(byte) {
+            None => answer(""),
+            Some(Answer::Frame { frame, stamp: None }) if self.open => Reaction {
+                answer: match frame.id() {
+                    Id::Standard(_) => "z\r",
+                    Id::Extended(_) => "Z\r",
+                },
+                frame: Some(frame),
+            },
+            Some(Answer::Done) => answer("\r"),
+            Some(Answer::Other(line)) => answer(self.command(&line)),
+            Some(Answer::Frame { .. } | Answer::Taken | Answer::Refused) => answer("\x07"),
+        }
+    }
+
+    fn command(&mut self, line: &[u8]) -> &'static str {
+        match line {
+            [b'S', b'0'..=b'8'] | [b's', ..] if !self.open => "\r",
+            b"O" | b"L" if !self.open => {
+                self.open = true;
+                "\r"
+            }
+            b"C" if self.open => {
+                self.open = false;
+                "\r"
+            }
+            b"Z0" | b"Z1" => {
+                self.stamps = line == b"Z1";
+                "\r"
+            }
+            [b'M' | b'm', ..] => "\r",
+            b"F" => "F00\r",
+            b"V" => "V1013\r",
+            b"N" => "NF001\r",
+            _ => "\x07",
+        }
+    }
+
+    /// What the program gets of a frame on the bus that ended at this millisecond; `None` while the
+    /// channel is closed.
+    #[must_use]
+    pub fn received(&self, frame: &Frame, millis: u64) -> Option<String> {
+        let mut line = self.open.then(|| encode(frame))?;
+        if self.stamps {
+            line.pop();
+            // Writing to a string cannot fail.
+            let _ = write!(line, "{:04X}\r", millis % 60_000);
+        }
+        Some(line)
+    }
+}
+
 /// The meaning of a line without its end.
 fn answer(line: Vec<u8>) -> Answer {
     match line.as_slice() {

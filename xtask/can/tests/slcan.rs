@@ -7,7 +7,7 @@ mod frames;
 mod fuzz;
 
 use can_bus::Frame;
-use can_bus::slcan::{Answer, BIT_RATES, bit_rate, encode};
+use can_bus::slcan::{Adapter, Answer, BIT_RATES, bit_rate, encode};
 use embedded_can::StandardId;
 use frames::any_frame;
 use fuzz::slcan;
@@ -101,4 +101,61 @@ fn each_bit_rate_has_its_number() {
     assert_eq!(bit_rate(1_000_000).as_deref(), Some("S8\r"));
     assert_eq!(bit_rate(83_333), None);
     assert!(BIT_RATES.is_sorted());
+}
+
+/// What an adapter answers to a text, and the frames that it sends.
+fn answers(adapter: &mut Adapter, text: &str) -> (String, Vec<Frame>) {
+    let mut said = String::new();
+    let mut frames = Vec::new();
+    for byte in text.bytes() {
+        let reaction = adapter.take(byte);
+        said += reaction.answer;
+        frames.extend(reaction.frame);
+    }
+    (said, frames)
+}
+
+/// The commands of the CAN232 manual, and what `slcand` and `python-can` send at their start.
+#[test]
+fn an_adapter_answers_as_the_manual_says() {
+    let mut adapter = Adapter::new();
+    let frame = Frame::standard(0x12C, &[0x7F, 1]).unwrap();
+    let mut says = |text: &str| answers(&mut adapter, text).0;
+    assert_eq!(
+        says("\r\rC\rS5\r"),
+        "\r\r\x07\r",
+        "a closed channel cannot be closed"
+    );
+    assert_eq!(
+        says("t12C27F01\r"),
+        "\x07",
+        "nothing is sent through a closed channel"
+    );
+    assert_eq!(says("V\rN\rO\r"), "V1013\rNF001\r\r");
+    assert_eq!(says("O\rS5\rX1\rt12C\r"), "\x07\x07\x07\x07");
+    assert_eq!(answers(&mut adapter, "t12C27F01\rT0000012C0\r").0, "z\rZ\r");
+    assert_eq!(answers(&mut adapter, "t12C27F01\r").1, [frame]);
+    assert_eq!(adapter.received(&frame, 61_005).unwrap(), "t12C27F01\r");
+    answers(&mut adapter, "Z1\r");
+    assert_eq!(adapter.received(&frame, 61_005).unwrap(), "t12C27F0103ED\r");
+    answers(&mut adapter, "C\r");
+    assert_eq!(adapter.received(&frame, 61_005), None);
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let mut adapter = Adapter::new();
+        let ends = bytes.iter().filter(|byte| matches!(byte, b'\r' | 7)).count();
+        let said: usize = bytes.iter().filter(|byte| !adapter.take(**byte).answer.is_empty()).count();
+        prop_assert!(said <= ends);
+    }
+
+    #[test]
+    fn what_an_adapter_takes_is_what_was_sent(frame in any_frame()) {
+        let mut adapter = Adapter::new();
+        answers(&mut adapter, "O\r");
+        let (_, sent) = answers(&mut adapter, &encode(&frame));
+        prop_assert_eq!(sent, [frame]);
+    }
 }

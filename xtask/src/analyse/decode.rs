@@ -1,35 +1,37 @@
 //! The messages of the network, prepared so that the signals of millions of frames are read in
 //! little time.
 
+use serde_json::{Map, Value, json};
+
 use network_model::{ByteOrder, Message, Network, SendType, Signal, WindowKind};
 
 /// Identifiers of 11 bits.
 const IDS: usize = 1 << 11;
 
 /// The messages by identifier.
-pub(super) struct Decoder {
+pub(crate) struct Decoder {
     messages: Vec<Known>,
     by_id: Vec<Option<u16>>,
 }
 
 /// A message.
-pub(super) struct Known {
-    pub(super) id: u16,
-    pub(super) name: String,
-    pub(super) sender: String,
+pub(crate) struct Known {
+    pub(crate) id: u16,
+    pub(crate) name: String,
+    pub(crate) sender: String,
     /// Whether it is sent when something happens. A reference of a backup master is no such message,
     /// though the network file has no period for it.
-    pub(super) is_event: bool,
+    pub(crate) is_event: bool,
     shortest: u8,
     length: u8,
-    pub(super) fields: Vec<Field>,
+    pub(crate) fields: Vec<Field>,
 }
 
 /// A signal.
 #[derive(Clone, Debug)]
-pub(super) struct Field {
-    pub(super) name: String,
-    pub(super) unit: String,
+pub(crate) struct Field {
+    pub(crate) name: String,
+    pub(crate) unit: String,
     order: ByteOrder,
     /// Bits below the lowest one in the data, read as one number.
     shift: u32,
@@ -38,9 +40,9 @@ pub(super) struct Field {
     factor: f64,
     offset: f64,
     /// Decimals of a physical value.
-    pub(super) decimals: usize,
+    pub(crate) decimals: usize,
     /// Name of its value table, and the named values.
-    pub(super) table: Option<String>,
+    pub(crate) table: Option<String>,
     names: Vec<(i64, String)>,
 }
 
@@ -82,7 +84,7 @@ impl Field {
     }
 
     /// The raw number; the 64 bits of an unsigned one are read as two's complement, too.
-    pub(super) fn raw(&self, data: &[u8; 8]) -> i64 {
+    pub(crate) fn raw(&self, data: &[u8; 8]) -> i64 {
         let all = match self.order {
             ByteOrder::Little => u64::from_le_bytes(*data),
             ByteOrder::Big => u64::from_be_bytes(*data),
@@ -97,7 +99,7 @@ impl Field {
     }
 
     /// The physical value, in the signal's unit.
-    pub(super) fn value(&self, data: &[u8; 8]) -> f64 {
+    pub(crate) fn value(&self, data: &[u8; 8]) -> f64 {
         let raw = self.raw(data);
         let raw = if self.signed {
             raw as f64
@@ -108,7 +110,7 @@ impl Field {
     }
 
     /// The name of the value, if the network has names for the signal and one for the value.
-    pub(super) fn named(&self, data: &[u8; 8]) -> Option<&str> {
+    pub(crate) fn named(&self, data: &[u8; 8]) -> Option<&str> {
         let raw = self.raw(data);
         let mut names = self.names.iter();
         names
@@ -116,8 +118,28 @@ impl Field {
             .map(|(_, name)| name.as_str())
     }
 
+    /// What a script needs to read it.
+    pub(crate) fn layout(&self) -> Value {
+        let names = self.names.iter();
+        let names: Map<String, Value> = names
+            .map(|(raw, name)| (raw.to_string(), json!(name)))
+            .collect();
+        json!({
+            "name": self.name,
+            "unit": self.unit,
+            "big": self.order == ByteOrder::Big,
+            "shift": self.shift,
+            "size": self.size,
+            "signed": self.signed,
+            "factor": self.factor,
+            "offset": self.offset,
+            "decimals": self.decimals,
+            "names": names,
+        })
+    }
+
     /// Whether the network has names for its values.
-    pub(super) fn has_names(&self) -> bool {
+    pub(crate) fn has_names(&self) -> bool {
         !self.names.is_empty()
     }
 }
@@ -141,18 +163,18 @@ impl Known {
     }
 
     /// Whether the message may have so many data bytes.
-    pub(super) fn accepts(&self, bytes: usize) -> bool {
+    pub(crate) fn accepts(&self, bytes: usize) -> bool {
         (usize::from(self.shortest)..=usize::from(self.length)).contains(&bytes)
     }
 
     /// Its signal of that name.
-    pub(super) fn field(&self, name: &str) -> Option<&Field> {
+    pub(crate) fn field(&self, name: &str) -> Option<&Field> {
         self.fields.iter().find(|field| field.name == name)
     }
 }
 
 impl Decoder {
-    pub(super) fn new(network: &Network) -> Self {
+    pub(crate) fn new(network: &Network) -> Self {
         let messages = network.messages.iter();
         let messages: Vec<Known> = messages.map(|one| Known::new(network, one)).collect();
         let mut by_id = vec![None; IDS];
@@ -165,18 +187,18 @@ impl Decoder {
     }
 
     /// All messages, in the order of the network.
-    pub(super) fn messages(&self) -> &[Known] {
+    pub(crate) fn messages(&self) -> &[Known] {
         &self.messages
     }
 
     /// The message with this identifier.
-    pub(super) fn message(&self, id: u16) -> Option<&Known> {
+    pub(crate) fn message(&self, id: u16) -> Option<&Known> {
         let index = (*self.by_id.get(usize::from(id))?)?;
         self.messages.get(usize::from(index))
     }
 
     /// The message of that name.
-    pub(super) fn named(&self, name: &str) -> Option<&Known> {
+    pub(crate) fn named(&self, name: &str) -> Option<&Known> {
         self.messages.iter().find(|message| message.name == name)
     }
 }

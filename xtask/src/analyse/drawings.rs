@@ -83,7 +83,7 @@ pub(super) fn track(found: &Found) -> Markup {
     let stretch = height / natural;
     let shape = match stretch {
         0.0..1.05 => "true to scale".to_owned(),
-        _ => format!("stretched {stretch:.0} times across"),
+        _ => format!("stretched {stretch:.1} times across"),
     };
     let what = match line {
         Some(_) => {

@@ -221,7 +221,7 @@ pub struct RunFigures {
     pub mean_cross_track_error_cm: f64,
     /// Standard deviation of the same errors.
     pub standard_deviation_cm: f64,
-    /// Largest of the same errors, either side.
+    /// Largest of the same errors once the approach is over, either side: from the first pass of the mean.
     pub largest_cross_track_error_cm: f64,
     /// Mean of the vehicle's own estimate of its cross-track error (a signal `CrossTrackError`) in the
     /// same time; `null` if no message has it.

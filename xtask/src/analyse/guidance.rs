@@ -3,7 +3,7 @@
 use vehicle_model::Vehicle;
 use vehicle_model::manifest::SignalPath;
 use vehicle_model::units::{LengthKind, factor};
-use world::report::settled;
+use world::report::{approached, settled};
 use world::scenario::{Line, Point};
 
 use super::{
@@ -14,31 +14,31 @@ use super::{
 
 /// A measured position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Position {
+pub(crate) struct Position {
     /// Time from the first frame, s.
-    pub(super) at: f64,
+    pub(crate) at: f64,
     /// Of the antenna from the base station, m.
-    pub(super) north: f64,
+    pub(crate) north: f64,
     /// The same.
-    pub(super) east: f64,
+    pub(crate) east: f64,
     /// Distance along the line, m.
-    pub(super) along: f64,
+    pub(crate) along: f64,
     /// Cross-track error of the centre line beside the antenna, m, positive to the right.
-    pub(super) error: f64,
+    pub(crate) error: f64,
 }
 
 /// A signal of a message.
-pub(super) struct Place {
-    pub(super) id: u16,
-    pub(super) field: Field,
+pub(crate) struct Place {
+    pub(crate) id: u16,
+    pub(crate) field: Field,
     /// Factor to the base unit.
-    pub(super) factor: f64,
+    pub(crate) factor: f64,
 }
 
 impl Place {
     /// The signal of that path; `None` if the network has no such signal, or its unit is
     /// not one of that kind.
-    pub(super) fn find(
+    pub(crate) fn find(
         decoder: &Decoder,
         path: &SignalPath,
         factor: fn(&str) -> Option<f64>,
@@ -53,7 +53,7 @@ impl Place {
     }
 
     /// Its value in the base unit.
-    pub(super) fn value(&self, data: &[u8; 8]) -> f64 {
+    pub(crate) fn value(&self, data: &[u8; 8]) -> f64 {
         self.field.value(data) * self.factor
     }
 }
@@ -66,28 +66,28 @@ struct Mode {
 }
 
 /// Modes, positions and cross-track errors of a log.
-pub(super) struct Guidance {
+pub(crate) struct Guidance {
     mode: Option<Mode>,
     north: Option<Place>,
     east: Option<Place>,
     /// Where a node tells its estimate of the cross-track error.
     estimate: Option<Place>,
     /// The line of the vehicle file.
-    pub(super) line: Option<Line>,
+    pub(crate) line: Option<Line>,
     /// From the centre line to the antenna, m.
     antenna_right: f64,
     last_mode: Option<i64>,
     modes: Vec<(f64, String)>,
-    pub(super) positions: Vec<Position>,
+    pub(crate) positions: Vec<Position>,
     /// Estimates of the cross-track error: seconds, metres to the right.
-    pub(super) estimates: Vec<(f64, f64)>,
+    pub(crate) estimates: Vec<(f64, f64)>,
 }
 
 /// Name of a signal with an estimate of the cross-track error.
 const ESTIMATE: &str = "CrossTrackError";
 
 /// Name of the mode while no frame tells it.
-pub(super) const UNKNOWN: &str = "not known";
+pub(crate) const UNKNOWN: &str = "not known";
 
 /// Width of a bar of the histogram, cm.
 const BAR: f64 = 0.5;
@@ -95,7 +95,7 @@ const BAR: f64 = 0.5;
 const BARS: i64 = 40;
 
 impl Guidance {
-    pub(super) fn new(vehicle: &Vehicle, decoder: &Decoder) -> Self {
+    pub(crate) fn new(vehicle: &Vehicle, decoder: &Decoder) -> Self {
         let manifest = vehicle.manifest();
         let mode = manifest.mode.as_ref().and_then(|mode| {
             let message = decoder.named(&mode.message)?;
@@ -144,7 +144,7 @@ impl Guidance {
     }
 
     /// Takes a data frame of the network.
-    pub(super) fn take(&mut self, at: f64, id: u16, data: &[u8; 8]) {
+    pub(crate) fn take(&mut self, at: f64, id: u16, data: &[u8; 8]) {
         if let Some(mode) = &self.mode
             && mode.id == id
         {
@@ -180,14 +180,14 @@ impl Guidance {
     }
 
     /// From `at` on the mode is not known, until it is told again.
-    pub(super) fn interrupt(&mut self, at: f64) {
+    pub(crate) fn interrupt(&mut self, at: f64) {
         if self.last_mode.take().is_some() {
             self.modes.push((at, UNKNOWN.to_owned()));
         }
     }
 
     /// The modes until the end of the log.
-    pub(super) fn modes(&self, end: f64) -> Vec<ModeFigures> {
+    pub(crate) fn modes(&self, end: f64) -> Vec<ModeFigures> {
         let ends = self.modes.iter().skip(1).map(|(at, _)| *at).chain([end]);
         let modes = self.modes.iter().zip(ends);
         let autonomous = self.mode.as_ref().map(|mode| mode.autonomous.as_str());
@@ -202,7 +202,7 @@ impl Guidance {
     }
 
     /// The figures; `None` without a position.
-    pub(super) fn figures(&self, modes: &[ModeFigures]) -> Option<GuidanceFigures> {
+    pub(crate) fn figures(&self, modes: &[ModeFigures]) -> Option<GuidanceFigures> {
         let (first, last) = (self.positions.first()?, self.positions.last()?);
         let point = |position: &Position| [rounded(position.north, 2), rounded(position.east, 2)];
         let autonomous = modes.iter().filter(|mode| mode.autonomous);
@@ -244,7 +244,11 @@ impl Guidance {
         let errors: Spread = steady.unwrap_or(all).iter().map(|one| one.error).collect();
         let settling = steady.and_then(|steady| steady.first());
         let settling = settling.map(|one| (one.at - mode.from_seconds).max(0.0));
-        let largest = errors.least()?.abs().max(errors.greatest()?.abs());
+        let shown = steady.unwrap_or(all);
+        let timed: Vec<(f64, f64)> = shown.iter().map(|one| (one.at, one.error)).collect();
+        let over = steady.map_or(0, |_| approached(&timed));
+        let after = timed.get(over..).unwrap_or_default().iter();
+        let largest = after.map(|(_, error)| error.abs()).fold(0.0, f64::max);
         let cm = |metres: f64| rounded(metres * 100.0, 3);
         let from = steady.and_then(|steady| steady.first()).unwrap_or(first).at;
         let begin = self.estimates.partition_point(|(at, _)| *at < from);

@@ -1,12 +1,12 @@
 //! `analyse`: reads the log of a CAN bus and reports traffic, timing, guidance and events.
 
 mod chart;
-mod decode;
+pub(crate) mod decode;
 mod drawings;
 mod events;
 mod figures;
-mod guidance;
-mod page;
+pub(crate) mod guidance;
+pub(crate) mod page;
 mod series;
 mod source;
 mod steering;

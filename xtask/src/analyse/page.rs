@@ -9,7 +9,7 @@ use super::{
 };
 
 /// Colours that colour-blind readers can distinguish (after Okabe and Ito), on white and on black.
-const STYLE: &str = "\
+pub(crate) const STYLE: &str = "\
     :root{color-scheme:light dark;--ink:#1d2830;--soft:#55646e;--page:#fff;--grid:#e2e7ea;--line:#a9b4bb;\
     --blue:#0072b2;--orange:#c35500;--green:#007e5c;--shade:#e8f1f7;--bad:#fbe3d6}\
     @media(prefers-color-scheme:dark){:root{--ink:#e4e9ec;--soft:#a3b0b8;--page:#14191d;--grid:#2b343a;\
@@ -259,7 +259,7 @@ fn guidance(found: &Found) -> Markup {
         } @else {
             (table(
                 "Autonomous runs: cross-track error of the measured positions, positive right of the line; mean, \
-                 SD and largest from settling on, or of the whole run if it did not settle",
+                 and SD from settling on, largest from the first pass of the mean on; of the whole run if it did not settle",
                 &columns,
                 &rows,
             ))

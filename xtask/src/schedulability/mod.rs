@@ -2,12 +2,7 @@
 
 pub mod observe;
 
-use std::{
-    collections::BTreeMap,
-    fs, io,
-    path::{Path, PathBuf},
-    sync::Mutex,
-};
+use std::{collections::BTreeMap, io, path::PathBuf, sync::Mutex};
 
 use schedulability::{
     can::ErrorRate,
@@ -27,6 +22,7 @@ use crate::{
     Failure, Workspace, bench,
     build::{self, Image},
     cli::{Priorities, Schedulability},
+    file,
     progress::Display,
     vehicle,
 };
@@ -40,15 +36,6 @@ pub enum Error {
     /// The scenario of the observed run is wrong.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A file cannot be written.
-    #[error("{} cannot be written: {error}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        #[source]
-        error: io::Error,
-    },
     /// The scenarios of the observed runs cannot be listed.
     #[error("{} cannot be read: {error}", path.display())]
     Stress {
@@ -96,20 +83,8 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Input(_)
-                | Self::Scenario(_)
-                | Self::Stress { .. }
-                | Self::Write { .. }
-                | Self::NoTask { .. }
+            Self::Input(_) | Self::Scenario(_) | Self::Stress { .. } | Self::NoTask { .. }
         )
-    }
-
-    /// Makes the error of writing `path` from the cause.
-    fn writing(path: &Path) -> impl FnOnce(io::Error) -> Self {
-        |error| Self::Write {
-            path: path.into(),
-            error,
-        }
     }
 }
 
@@ -135,14 +110,14 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
         None => None,
     };
     if let Some(path) = &options.html {
-        fs::write(path, "").map_err(Error::writing(path))?;
+        file::check(path)?;
     }
     let load = (options.foreign.as_slice(), options.errors);
     // A path needs no observed run.
     let observed = explained.is_none() || options.json || options.html.is_some();
     let report = analyse(workspace, &vehicle, &nodes, load, observed)?;
     if let Some(path) = &options.html {
-        fs::write(path, report::html(&report)).map_err(Error::writing(path))?;
+        file::put(path, &report::html(&report))?;
         eprintln!("Wrote {}.", path.display());
     }
     if options.json {

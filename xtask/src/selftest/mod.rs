@@ -22,7 +22,7 @@ pub use report::Results;
 pub use serial::{Line, Port, Slcan};
 pub use transport::{Error as TransportError, Received, Transport};
 
-use vehicle_model::{NodeIndex, Vehicle};
+use vehicle_model::{NodeIndex, Override, Vehicle};
 
 use crate::{Failure, Workspace, cli::Selftest, progress::Display, sim, vehicle};
 
@@ -61,12 +61,12 @@ impl Error {
 /// vehicles and a real bus, and none is named (exit code 2). A check failed, or a node did not
 /// report.
 pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
-    let set = options.set.iter().cloned().collect();
-    let vehicle = match (&options.vehicle, &options.bus) {
-        (Some(name), _) => vehicle::with(workspace, name, &set),
-        (None, Bus::Twin) => vehicle::with(workspace, vehicle::DEFAULT, &set),
-        (None, bus) => vehicle::on_bus(workspace, &bus.to_string(), &set),
-    }?;
+    let vehicle = of_bus(
+        workspace,
+        options.vehicle.as_deref(),
+        &options.bus,
+        &options.set,
+    )?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     let messages =
         Messages::of(&vehicle).ok_or_else(|| Error::NoMessages(vehicle.name().into()))?;
@@ -107,8 +107,26 @@ pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
     Ok(results.outcome()?)
 }
 
+/// The vehicle on a bus: the one that is named, or the only one that can be there.
+///
+/// # Errors
+/// There is no such vehicle, or none is named and several may be there.
+pub(crate) fn of_bus(
+    workspace: &Workspace,
+    name: Option<&str>,
+    bus: &Bus,
+    set: &[Override],
+) -> Result<Vehicle, vehicle::Error> {
+    let set = set.iter().cloned().collect();
+    match (name, bus) {
+        (Some(name), _) => vehicle::with(workspace, name, &set),
+        (None, Bus::Twin) => vehicle::with(workspace, vehicle::DEFAULT, &set),
+        (None, bus) => vehicle::on_bus(workspace, &bus.to_string(), &set),
+    }
+}
+
 /// Opens a bus.
-fn open(
+pub(crate) fn open(
     workspace: &Workspace,
     vehicle: &Vehicle,
     bus: &Bus,
@@ -138,11 +156,11 @@ fn open(
 }
 
 #[cfg(target_os = "linux")]
-fn socketcan(name: &str, bit_rate: u32) -> Result<Box<dyn Transport>, TransportError> {
+pub(crate) fn socketcan(name: &str, bit_rate: u32) -> Result<Box<dyn Transport>, TransportError> {
     Ok(Box::new(socket::SocketCan::open(name, bit_rate)?))
 }
 
 #[cfg(not(target_os = "linux"))]
-fn socketcan(_: &str, _: u32) -> Result<Box<dyn Transport>, TransportError> {
+pub(crate) fn socketcan(_: &str, _: u32) -> Result<Box<dyn Transport>, TransportError> {
     Err(TransportError::NoSocketCan)
 }

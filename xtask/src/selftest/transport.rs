@@ -123,7 +123,7 @@ pub enum Error {
 
 impl Error {
     /// Whether the command line is wrong.
-    pub(super) fn is_usage(&self) -> bool {
+    pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
             Self::NoInterface(_)

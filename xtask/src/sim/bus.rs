@@ -2,7 +2,8 @@
 
 use std::{collections::BTreeMap, fmt::Write};
 
-use can_bus::{Frame, NodeId, Record, RecordKind, SimDuration, SimTime, candump::Line};
+use can_bus::candump::{ErrorLine, Line};
+use can_bus::{ErrorKind, Frame, NodeId, Record, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
 use world::report::FrameRecord;
 
@@ -14,16 +15,27 @@ const ERROR_FRAME_BITS: u32 = 14;
 pub(crate) struct Log {
     /// Every frame that began and did not lose arbitration, in order of time.
     pub frames: Vec<FrameRecord>,
+    /// Who sent each of them.
+    pub senders: Vec<NodeId>,
+    /// The error frames, in order of time: what was found first.
+    pub errors: Vec<ErrorLine>,
     lines: Vec<Line>,
 }
+
+/// Errors that follow each other by less belong to one error frame: six bits of each flag, and the
+/// delimiter (ISO 11898-1, clause 10.4.4).
+const ONE_ERROR_BITS: u32 = 6 + 6 + 8;
 
 impl Log {
     /// Reconstructs the frames from the records of the bus model.
     pub(crate) fn new(records: &[Record], bit_time: SimDuration) -> Self {
         let mut log = Self {
             frames: Vec::new(),
+            senders: Vec::new(),
+            errors: Vec::new(),
             lines: Vec::new(),
         };
+        let mut sent: Vec<(FrameRecord, NodeId)> = Vec::new();
         // Starts of frame that have not ended yet, by sender.
         let mut begun: BTreeMap<NodeId, SimTime> = BTreeMap::new();
         for record in records {
@@ -36,7 +48,8 @@ impl Log {
                 }
                 RecordKind::FrameEnd { frame, start, .. } => {
                     begun.remove(&record.node);
-                    log.end(frame, start, record.at, true);
+                    let frame_record = recorded(frame, start, record.at, true);
+                    sent.extend(frame_record.map(|frame| (frame, record.node)));
                     log.lines.push(Line {
                         at: record.at,
                         interface: "can0".into(),
@@ -44,49 +57,82 @@ impl Log {
                     });
                 }
                 RecordKind::Error {
-                    transmitter: true, ..
+                    kind, transmitter, ..
                 } => {
-                    let frame = sent_by(records, record);
-                    if let (Some(start), Some(frame)) = (begun.remove(&record.node), frame) {
+                    log.error(record.at, kind, transmitter, bit_time);
+                    if transmitter
+                        && let Some(frame) = sent_by(records, record)
+                        && let Some(start) = begun.remove(&record.node)
+                    {
                         let end = record.at + bit_time * ERROR_FRAME_BITS;
-                        log.end(frame, start, end, false);
+                        let frame_record = recorded(frame, start, end, false);
+                        sent.extend(frame_record.map(|frame| (frame, record.node)));
                     }
                 }
-                RecordKind::Error { .. } | RecordKind::StateChange { .. } => {}
+                RecordKind::StateChange { .. } => {}
             }
         }
-        log.frames.sort_by_key(|frame| frame.start);
+        sent.sort_by_key(|(frame, _)| frame.start);
+        (log.frames, log.senders) = sent.into_iter().unzip();
         log
     }
 
-    /// The report handles frames with 11-bit identifiers only, like the network.
-    fn end(&mut self, frame: Frame, start: SimTime, end: SimTime, complete: bool) {
-        let Id::Standard(id) = frame.id() else {
-            return;
+    /// A node has found an error: it begins an error frame, unless one has just begun. Of nodes that
+    /// find it in the same bit the sender counts.
+    fn error(&mut self, at: SimTime, kind: ErrorKind, transmitter: bool, bit_time: SimDuration) {
+        let found = ErrorLine {
+            at,
+            interface: "can0".into(),
+            kind,
+            transmitter,
         };
-        let mut data = [0; 8];
-        for (byte, value) in data.iter_mut().zip(frame.data()) {
-            *byte = *value;
+        match self.errors.last_mut() {
+            Some(last) if at < last.at + bit_time => {
+                if transmitter {
+                    *last = found;
+                }
+            }
+            Some(last) if at < last.at + bit_time * ONE_ERROR_BITS => {}
+            _ => self.errors.push(found),
         }
-        self.frames.push(FrameRecord {
-            id: id.as_raw(),
-            dlc: frame.dlc().min(8),
-            data,
-            start,
-            end,
-            complete,
-        });
     }
 
-    /// The complete frames in the format of `candump -l`, stamped at end of frame.
+    /// The complete frames, stamped at end of frame, and the error frames, in the format of
+    /// `candump -l`.
     pub(crate) fn candump(&self) -> String {
         let mut text = String::new();
+        let mut errors = self.errors.iter().peekable();
         for line in &self.lines {
-            // Writing to a string cannot fail.
+            while let Some(error) = errors.next_if(|error| error.at <= line.at) {
+                // Writing to a string cannot fail.
+                let _ = writeln!(text, "{error}");
+            }
             let _ = writeln!(text, "{line}");
+        }
+        for error in errors {
+            let _ = writeln!(text, "{error}");
         }
         text
     }
+}
+
+/// A frame in the form of the report, which handles 11-bit identifiers only, like the network.
+fn recorded(frame: Frame, start: SimTime, end: SimTime, complete: bool) -> Option<FrameRecord> {
+    let Id::Standard(id) = frame.id() else {
+        return None;
+    };
+    let mut data = [0; 8];
+    for (byte, value) in data.iter_mut().zip(frame.data()) {
+        *byte = *value;
+    }
+    Some(FrameRecord {
+        id: id.as_raw(),
+        dlc: frame.dlc().min(8),
+        data,
+        start,
+        end,
+        complete,
+    })
 }
 
 /// The frame that was destroyed by an error: the last one that its sender had begun.
@@ -104,6 +150,7 @@ fn sent_by(records: &[Record], error: &Record) -> Option<Frame> {
 
 #[cfg(test)]
 mod tests {
+    use can_bus::candump::ParseError;
     use can_bus::{Bus, Disturbance, FrameSelect, Retry, SeenBy, Tester};
 
     use super::*;
@@ -147,7 +194,18 @@ mod tests {
         }
         assert_eq!(log.frames[0].data, [1, 2, 3, 0, 0, 0, 0, 0]);
 
-        let lines: Vec<Line> = log.candump().lines().map(|l| l.parse().unwrap()).collect();
+        assert_eq!(log.senders, [first, second, first, first]);
+
+        // A recessive bit of the data reads dominant.
+        let text = log.candump();
+        let error = text.lines().nth(2).unwrap();
+        assert!(
+            error.ends_with(" can0 20000088#0000900000000000"),
+            "{error}"
+        );
+        assert_eq!(error.parse::<Line>(), Err(ParseError::ErrorFrame));
+        assert_eq!(log.errors.len(), 1, "all nodes found it");
+        let lines: Vec<Line> = text.lines().filter_map(|l| l.parse().ok()).collect();
         assert_eq!(lines.len(), 3);
         assert_eq!(lines[1].frame, high);
         // The stamp is the end of frame, cut to whole microseconds.

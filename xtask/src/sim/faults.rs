@@ -1,12 +1,17 @@
 //! `sim --faults`: random fault sequences and attacks against the images, judged by rules.
 
 pub(crate) use campaign::Trouble;
-use campaign::{Options, Progress, Report, Shard};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use campaign::{Campaign, Journal, JournalError, Options, Progress, Report, Shard, Verdict};
+use twin::Images;
 use vehicle_model::Vehicle;
-use world::report::OutputFolder;
 
 use super::Error;
-use crate::{Failure, Workspace, cli::Sim, progress::Display};
+use crate::{Failure, Workspace, campaigns, cli::Sim, file, progress::Display};
 
 /// Runs `sequences` sequences, or this shard's part of them.
 ///
@@ -20,10 +25,6 @@ pub(super) fn run(
     options: &Sim,
     sequences: u64,
 ) -> Result<(), Failure> {
-    let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
-        None => None,
-    };
     let campaign = Options {
         trouble: if options.attacker {
             Trouble::Attacks { key: true }
@@ -35,23 +36,126 @@ pub(super) fn run(
         shard: options.shard.unwrap_or_default(),
         threads: None,
     };
-    let report = judged(workspace, vehicle, &campaign)?;
-    if let Some(mut folder) = folder {
-        let path = folder
-            .write("faults.json", report.json().as_bytes())
-            .and_then(|()| folder.finish())
-            .map_err(Error::from)?;
-        eprintln!("Wrote faults.json to {}.", path.display());
+    let place = options
+        .out
+        .as_deref()
+        .map(|folder| Place::new(folder, campaign.shard));
+    if let Some(place) = &place {
+        place.reserve(options.resume)?;
     }
-    if options.json {
-        println!("{}", report.json().trim_end());
-    } else {
-        print!("{report}");
+    let images = super::images(workspace, vehicle)?;
+    let identity = Campaign::new(vehicle, &images, &campaign);
+    let report = match place {
+        Some(place) => kept(
+            &place,
+            vehicle,
+            &images,
+            &identity,
+            &campaign,
+            options.resume,
+        )?,
+        None => judged(vehicle, &images, &campaign, Vec::new(), |_| {})?,
+    };
+    campaigns::show(&report, options.json)
+}
+
+/// Runs a part whose journal and report are kept in files.
+fn kept(
+    place: &Place,
+    vehicle: &Vehicle,
+    images: &Images,
+    identity: &Campaign,
+    campaign: &Options,
+    resume: bool,
+) -> Result<Report, Failure> {
+    if let Some(report) = place.finished(identity, campaign.shard).filter(|_| resume) {
+        eprintln!("{} is complete.", place.report.display());
+        return Ok(report);
     }
-    if report.failures.is_empty() {
+    let (mut journal, earlier) = place.journal(identity, campaign.shard)?;
+    if !earlier.is_empty() {
+        eprintln!("{} sequences were done before.", earlier.len());
+    }
+    let mut unwritten = None;
+    let report = judged(vehicle, images, campaign, earlier, |verdict| {
+        if let Err(error) = journal.add(verdict) {
+            unwritten.get_or_insert(error);
+        }
+    })?;
+    match unwritten {
+        None => place.finish(&report)?,
+        Some(error) => return Err(place.broken(&JournalError::File(error))),
+    }
+    Ok(report)
+}
+
+/// The files of a part of a campaign.
+struct Place {
+    folder: PathBuf,
+    report: PathBuf,
+    journal: PathBuf,
+}
+
+impl Place {
+    fn new(folder: &Path, shard: Shard) -> Self {
+        let name = match shard == Shard::default() {
+            true => "faults".to_owned(),
+            false => format!("faults-{}", shard.to_string().replace('/', "-of-")),
+        };
+        Self {
+            folder: folder.to_owned(),
+            report: folder.join(format!("{name}.json")),
+            journal: folder.join(format!("{name}.journal")),
+        }
+    }
+
+    /// Makes the folder. An unfinished campaign in it is lost by nobody's mistake.
+    fn reserve(&self, resume: bool) -> Result<(), Failure> {
+        fs::create_dir_all(&self.folder).map_err(|error| {
+            let folder = self.folder.display();
+            Failure::Usage(format!(
+                "output folder {folder} cannot be written: {error}; name a folder that can be created or written to"
+            ))
+        })?;
+        if !resume && self.journal.exists() {
+            return Err(Failure::Usage(format!(
+                "{} has what an unfinished campaign has done: --resume goes on with it, or delete the file to begin \
+                 again",
+                self.journal.display()
+            )));
+        }
         Ok(())
-    } else {
-        Err(Failure::Shown)
+    }
+
+    /// The report, if there is one of this part and nothing is left to do.
+    fn finished(&self, campaign: &Campaign, shard: Shard) -> Option<Report> {
+        let text = fs::read(&self.report)
+            .ok()
+            .filter(|_| !self.journal.exists())?;
+        let report: Report = serde_json::from_slice(&text).ok()?;
+        (report.campaign == *campaign && report.shard == shard).then_some(report)
+    }
+
+    fn journal(
+        &self,
+        campaign: &Campaign,
+        shard: Shard,
+    ) -> Result<(Journal, Vec<Verdict>), Failure> {
+        Journal::open(&self.journal, campaign, shard).map_err(|error| self.broken(&error))
+    }
+
+    fn broken(&self, error: &JournalError) -> Failure {
+        let journal = self.journal.display();
+        Failure::Usage(format!("{journal} cannot be used: {error}"))
+    }
+
+    /// Writes the report in place of the journal.
+    fn finish(&self, report: &Report) -> Result<(), Failure> {
+        file::put(&self.report, &report.json())?;
+        // A journal that stays is refused the next time, in a sentence.
+        let _ = fs::remove_file(&self.journal);
+        eprintln!("Wrote {}.", self.report.display());
+        Ok(())
     }
 }
 
@@ -74,7 +178,8 @@ pub(crate) fn first(
         shard: Shard::default(),
         threads: None,
     };
-    let report = judged(workspace, vehicle, &campaign)?;
+    let images = super::images(workspace, vehicle)?;
+    let report = judged(vehicle, &images, &campaign, Vec::new(), |_| {})?;
     eprint!("{report}");
     let broken = report.failures.iter().map(|failure| {
         let seed = failure.seed;
@@ -89,13 +194,20 @@ pub(crate) fn first(
     Ok(broken.collect())
 }
 
-fn judged(workspace: &Workspace, vehicle: &Vehicle, campaign: &Options) -> Result<Report, Failure> {
-    let images = super::images(workspace, vehicle)?;
+fn judged(
+    vehicle: &Vehicle,
+    images: &Images,
+    campaign: &Options,
+    earlier: Vec<Verdict>,
+    mut each: impl FnMut(&Verdict),
+) -> Result<Report, Failure> {
     let mut display = Display::new();
-    let report = campaign::run(vehicle, &images, campaign, |progress| {
+    let before = earlier.len() as u64;
+    let report = campaign::run(vehicle, images, campaign, earlier, |verdict, progress| {
+        each(verdict);
         let Progress { done, all, failed } = progress;
         display.show(|wall| {
-            let pace = done as f64 / wall.as_secs_f64().max(1e-9);
+            let pace = (done - before) as f64 / wall.as_secs_f64().max(1e-9);
             format!("{done} of {all} sequences, {failed} broke a rule, {pace:.2} a second")
         });
     });

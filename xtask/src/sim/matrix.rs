@@ -128,6 +128,13 @@ impl Matrix {
         (message.name == mode.message).then(|| self.named(frame, &mode.signal))?
     }
 
+    /// The name of the message with this identifier.
+    pub(crate) fn message(&self, id: u16) -> Option<&str> {
+        self.network
+            .message(id)
+            .map(|message| message.name.as_str())
+    }
+
     /// The name of the value that a frame carries in a signal, if it has this signal and names for it.
     pub(crate) fn named(&self, frame: &FrameRecord, signal: &str) -> Option<String> {
         let message = self.network.message(frame.id)?;

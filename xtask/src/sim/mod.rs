@@ -4,15 +4,19 @@ pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
 mod gdb;
+mod live;
 pub(crate) mod matrix;
+mod recording;
 mod sense;
 mod tasks;
 
 pub use gdb::Place;
 
 pub(crate) use faults::{Trouble, first as first_faults};
+pub use live::{Can, Error as LiveError};
 
 use std::{
+    collections::BTreeMap,
     fs, io,
     path::PathBuf,
     time::{Duration, Instant},
@@ -22,7 +26,7 @@ use world::time::Span as _;
 use campaign::agreement::{self, Agreement};
 use serde_json::json;
 use twin::{Images, NodeOutcome, Outcome, Twin, TwinError};
-use vehicle_model::Vehicle;
+use vehicle_model::{NodeIndex, Vehicle};
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
@@ -35,7 +39,9 @@ use world::{
 
 use crate::{Failure, Workspace, build, cli::Sim, progress::Display, vehicle};
 use bus::Log;
+use live::Live;
 use matrix::Matrix;
+use recording::{NodeRecording, Recorder};
 
 /// Why a simulation fails.
 #[derive(Debug, thiserror::Error)]
@@ -89,6 +95,15 @@ pub enum Error {
     /// The output folder is wrong.
     #[error(transparent)]
     Folder(#[from] FolderError),
+    /// Other programs cannot take part.
+    #[error(transparent)]
+    Live(#[from] live::Error),
+    /// The recording cannot be made.
+    #[error("run.mcap cannot be made: {0}")]
+    Recording(#[source] ::mcap::McapError),
+    /// The page cannot be made.
+    #[error("run.html cannot be made: {0}")]
+    Page(#[source] io::Error),
     /// The virtual vehicle cannot be built.
     #[error(transparent)]
     Twin(#[from] TwinError),
@@ -163,6 +178,7 @@ impl Error {
                 | Self::Port { .. }
                 | Self::Until { .. }
                 | Self::Folder(_)
+                | Self::Live(_)
         )
     }
 }
@@ -218,27 +234,26 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
     };
 
-    let (seed, seconds) = (options.seed, options.seconds);
+    let live = live(&vehicle, options).map_err(Error::from)?;
+    let wish = Wish {
+        seed: options.seed,
+        length: options.seconds,
+        tasks: folder.is_some(),
+        live,
+    };
     let finished = match debugger {
-        None => simulate(workspace, &vehicle, &scenario, seed, seconds)?,
-        Some(session) => {
-            let length = seconds.unwrap_or_else(|| scenario.duration.span());
-            match session.run(workspace, &vehicle, &scenario, seed, length)? {
-                Some(twin) => finish(&vehicle, &scenario, seed, twin, None, time::at(length))?,
-                None => return Ok(()),
-            }
-        }
+        None => simulate(workspace, &vehicle, &scenario, wish)?,
+        Some(session) => match session.run(workspace, &vehicle, &scenario, &wish)? {
+            Some((twin, images)) => finish(&vehicle, &scenario, &images, twin, None, wish)?,
+            None => return Ok(()),
+        },
     };
     finished.warn();
     let run = finished.run();
     let summary = finished.judged(&vehicle);
-    if let Some(mut folder) = folder {
-        let (files, path) = folder
-            .write("bus.log", finished.log.candump().as_bytes())
-            .and_then(|()| report::write(&run, &summary, &mut folder))
-            .and_then(|written| Ok((written, folder.finish()?)))
-            .map_err(Error::from)?;
-        eprintln!("Wrote bus.log, {} to {}.", files.join(", "), path.display());
+    if let Some(folder) = folder {
+        let (files, path) = finished.write(&summary, folder)?;
+        eprintln!("Wrote {} to {}.", files.join(", "), path.display());
     }
     if options.json {
         println!("{}", summary.json().trim_end());
@@ -257,6 +272,16 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => Ok(()),
         Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
     }
+}
+
+/// The pace of the run, and the way of other programs to its bus; `None` if it runs as fast as it can.
+fn live(vehicle: &Vehicle, options: &Sim) -> Result<Option<Live>, live::Error> {
+    let wanted = options.can.is_some() || options.real_time.is_some();
+    let open = || {
+        let speed = options.real_time.unwrap_or(1.0);
+        Live::open(options.can.as_ref(), speed, vehicle.network().bit_rate)
+    };
+    wanted.then(open).transpose()
 }
 
 /// Fails with the first expectation that the run does not show.
@@ -405,6 +430,7 @@ fn json_list(listed: &[Listed]) -> serde_json::Value {
 
 /// A finished simulation with everything that a report needs.
 pub(crate) struct Finished<'s> {
+    vehicle: &'s Vehicle,
     scenario: &'s Scenario,
     nodes: Vec<String>,
     seed: u64,
@@ -417,8 +443,34 @@ pub(crate) struct Finished<'s> {
     modes: Vec<ModeChange>,
     guides: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
+    /// Of each node, the tasks by the names of their handlers.
+    task_names: Vec<BTreeMap<String, String>>,
+    recordings: Vec<NodeRecording>,
     agreement: Option<agreement::Figures>,
     wall: Duration,
+}
+
+/// The sender of a frame that no node has sent.
+const FOREIGN: &str = "foreign";
+
+/// How a scenario is run.
+#[derive(Default)]
+pub(crate) struct Wish {
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// How long to simulate; `None` takes the scenario's duration.
+    pub length: Option<SimDuration>,
+    /// Whether to keep what the cores execute.
+    pub tasks: bool,
+    /// The pace, and the way of other programs to the bus.
+    pub live: Option<Live>,
+}
+
+impl Wish {
+    /// When the run ends.
+    fn end(&self, scenario: &Scenario) -> SimTime {
+        time::at(self.length.unwrap_or_else(|| scenario.duration.span()))
+    }
 }
 
 /// Builds the images and runs a scenario.
@@ -429,34 +481,40 @@ pub(crate) struct Finished<'s> {
 /// microcontroller does not allow.
 pub(crate) fn simulate<'s>(
     workspace: &Workspace,
-    vehicle: &Vehicle,
+    vehicle: &'s Vehicle,
     scenario: &'s Scenario,
-    seed: u64,
-    length: Option<SimDuration>,
+    wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
     let images = images(workspace, vehicle)?;
-    let twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
+    let twin = Twin::new(vehicle, scenario, wish.seed, &images).map_err(Error::from)?;
     let agreement = Agreement::new(&images);
-    let end = time::at(length.unwrap_or_else(|| scenario.duration.span()));
-    finish(vehicle, scenario, seed, twin, agreement, end)
+    finish(vehicle, scenario, &images, twin, agreement, wish)
 }
 
 /// Lets a vehicle run on to the end.
 fn finish<'s>(
-    vehicle: &Vehicle,
+    vehicle: &'s Vehicle,
     scenario: &'s Scenario,
-    seed: u64,
+    images: &Images,
     mut twin: Twin,
     mut agreement: Option<Agreement>,
-    end: SimTime,
+    wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
+    let end = wish.end(scenario);
+    let Wish {
+        seed,
+        tasks: record_tasks,
+        mut live,
+        ..
+    } = wish;
     let matrix = Matrix::new(vehicle);
     let start = Instant::now();
     let mut display = Display::new();
+    let mut recorder = Recorder::new(&mut twin, images, record_tasks);
     let span = agreement::SPAN.as_ticks();
     while twin.now() < end {
         let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
-        twin.run_until(end.min(next)).map_err(Error::from)?;
+        recorder.run_until(&mut twin, end.min(next), live.as_mut())?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }
@@ -468,13 +526,22 @@ fn finish<'s>(
     }
     let outcome = twin.finish();
     display.end();
+    if let Some(late) = live.as_ref().and_then(Live::late) {
+        eprintln!(
+            "note: the simulation fell up to {} ms behind the time, so what others send came that late",
+            late.as_millis()
+        );
+    }
+    drop(live);
     let wall = start.elapsed();
 
     let log = Log::new(&outcome.records, matrix.bit_time());
     let modes = matrix.modes(&log.frames);
     let guides = matrix.guides(&log.frames);
-    let tasks = tasks(vehicle, &outcome)?;
+    let task_names = task_names(vehicle, &outcome)?;
+    let tasks = tasks(&outcome, &task_names);
     Ok(Finished {
+        vehicle,
         scenario,
         nodes: vehicle::node_names(vehicle),
         seed,
@@ -490,6 +557,8 @@ fn finish<'s>(
         modes,
         guides,
         tasks,
+        task_names,
+        recordings: recorder.finish(),
         agreement: agreement.and_then(|agreement| agreement.figures()),
         wall,
     })
@@ -522,6 +591,48 @@ impl Finished<'_> {
                 guides: &self.guides,
             }),
         }
+    }
+
+    /// Writes all that is known of the run. Returns the names of the files and the folder.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    fn write(
+        &self,
+        summary: &Summary,
+        mut folder: OutputFolder,
+    ) -> Result<(Vec<String>, PathBuf), Error> {
+        let states = recording::files::states(self);
+        let mut names = vec!["bus.log".to_owned()];
+        folder.write("bus.log", self.log.candump().as_bytes())?;
+        let written = report::write(&self.run(), summary, states.as_ref(), &mut folder)?;
+        names.extend(written.into_iter().map(str::to_owned));
+        for (name, text) in recording::files::texts(self) {
+            folder.write(&name, text.as_bytes())?;
+            names.push(name);
+        }
+        let recorded = recording::mcap::mcap(self, states.as_ref()).map_err(Error::Recording)?;
+        folder.write("run.mcap", &recorded)?;
+        let page = recording::replay::page(self, summary, states.as_ref()).map_err(Error::Page)?;
+        folder.write("run.html", page.as_bytes())?;
+        names.extend(["run.mcap", "run.html"].map(str::to_owned));
+        Ok((names, folder.finish()?))
+    }
+
+    /// Who sent the frame of that index.
+    fn sender(&self, index: usize) -> &str {
+        let node = self.log.senders.get(index);
+        let node = node.and_then(|&node| self.outcome.node_at(node));
+        let name = node.and_then(|node| self.nodes.get(node.0));
+        name.map_or(FOREIGN, String::as_str)
+    }
+
+    /// The task of a node whose handler has that name; an exception that is no task keeps its own.
+    fn task_name<'n>(&'n self, node: NodeIndex, handler: &'n str) -> &'n str {
+        let names = self.task_names.get(node.0);
+        names
+            .and_then(|names| names.get(handler))
+            .map_or(handler, String::as_str)
     }
 
     /// The figures, including those that are not in the recordings.
@@ -604,9 +715,12 @@ pub(crate) fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Images,
     build::read(&build::images(workspace, vehicle, &nodes)?)
 }
 
-/// The tasks, named as in the nodes' sources. An exception that is no task keeps its own name.
-fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
-    let mut times = Vec::new();
+/// Of each node, the tasks of its source by the names of their handlers.
+fn task_names(
+    vehicle: &Vehicle,
+    outcome: &Outcome,
+) -> Result<Vec<BTreeMap<String, String>>, Error> {
+    let mut all = Vec::new();
     for node in &outcome.nodes {
         let file = vehicle.source(node.node);
         let unreadable = |error| Error::Source {
@@ -614,7 +728,15 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
             error,
         };
         let source = fs::read_to_string(&file).map_err(|error| unreadable(error.into()))?;
-        let names = tasks::names(&source).map_err(|error| unreadable(error.into()))?;
+        all.push(tasks::names(&source).map_err(|error| unreadable(error.into()))?);
+    }
+    Ok(all)
+}
+
+/// The tasks with their names. An exception that is no task keeps its own name.
+fn tasks(outcome: &Outcome, names: &[BTreeMap<String, String>]) -> Vec<TaskTime> {
+    let mut times = Vec::new();
+    for (node, names) in outcome.nodes.iter().zip(names) {
         for task in &node.load.tasks {
             times.push(TaskTime {
                 node: node.name.clone(),
@@ -625,7 +747,7 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
             });
         }
     }
-    Ok(times)
+    times
 }
 
 #[cfg(test)]

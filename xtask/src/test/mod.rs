@@ -460,8 +460,12 @@ const LATEST_START_US: f64 = 40.0;
 /// Drives and says what was wrong with it.
 fn drive(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
     let scenario = sim::usual_scenario(vehicle)?;
-    let length = from_seconds(DRIVE_SECONDS);
-    let finished = sim::simulate(workspace, vehicle, &scenario, 1, Some(length))?;
+    let wish = sim::Wish {
+        seed: 1,
+        length: Some(from_seconds(DRIVE_SECONDS)),
+        ..sim::Wish::default()
+    };
+    let finished = sim::simulate(workspace, vehicle, &scenario, wish)?;
     let summary = Summary::of(&finished.run());
     eprint!("{}", report::terminal(&summary, Some(finished.wall())));
     let mut wrong = judge(&summary);

@@ -69,5 +69,6 @@ mod wiring;
 pub use chain::{Chain, Latency, OnWire};
 pub use peripheral::{Burst, PinChange, ResetCause, SharedBus, UartByte};
 pub use silicon::Violation;
+pub use statistics::TaskSwitch;
 pub use twin::{GateChange, Images, NodeOutcome, Options, Outcome, Progress, Twin, TwinError, run};
 pub use wiring::WiringError;

@@ -10,7 +10,7 @@ use crate::peripheral::{
     SharedBus, UartByte, lock, transfer,
 };
 use crate::silicon::Violation;
-use crate::statistics::{Load, Observer, Switch};
+use crate::statistics::{Load, Observer, Switch, TaskSwitch};
 use crate::stops::{Footprint, Probe, Stop, Stops};
 use crate::stores::{Bytes, Settings, Watched, reaches_registers};
 use crate::window::{Shared, Window};
@@ -624,7 +624,7 @@ impl Mcu {
         self.owed = 0;
         self.it_states.clear();
         self.locked = false;
-        self.observer.abandon();
+        self.observer.abandon(self.now);
         if let Some(trace) = &mut self.trace {
             trace(Seen::Reset);
         }
@@ -1458,6 +1458,31 @@ impl Mcu {
     #[must_use]
     pub fn load(&self) -> Load {
         self.observer.report(&self.image)
+    }
+
+    /// Notes from now on what the core executes, for [`Mcu::drain_switches`].
+    pub fn note_switches(&mut self) {
+        self.observer.note_switches();
+    }
+
+    /// What the core began to execute since the last call, in order of time. Call it before the clock
+    /// has changed twice: the times are those of the present rate.
+    pub fn drain_switches(&mut self) -> Vec<TaskSwitch> {
+        let switches = self.observer.take_switches();
+        let peripherals = lock(&self.shared.peripherals);
+        let clock = peripherals.clock();
+        let switch = |(cycle, exception)| TaskSwitch {
+            at: SimTime::from_ticks(clock.time(cycle)),
+            exception,
+        };
+        switches.into_iter().map(switch).collect()
+    }
+
+    /// The name of the handler of an exception: for interrupts that of the vector, and `None` for one
+    /// that the program does not handle.
+    #[must_use]
+    pub fn handler_name(&self, exception: u16) -> Option<String> {
+        self.image.handler(exception).map(|(_, name)| name)
     }
 
     /// Calls `trace` for every action of the core from now on; `None` ends this.

@@ -3,7 +3,9 @@
 
 use crate::clock::Cycles;
 use crate::image::Image;
+use can_bus::SimTime;
 use std::collections::BTreeMap;
+use std::mem;
 
 /// Figures of one exception handler, in core cycles.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -23,6 +25,15 @@ pub struct TaskTimes {
     pub longest_response: Cycles,
     /// Sum of the execution times of all activations.
     pub total: Cycles,
+}
+
+/// A core begins to execute something else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskSwitch {
+    /// When.
+    pub at: SimTime,
+    /// Exception number of what it executes from then on; 0 for what no exception interrupts.
+    pub exception: u16,
 }
 
 /// How a node spent its cycles.
@@ -69,6 +80,8 @@ pub(crate) struct Observer {
     pub(crate) thread: Cycles,
     pub(crate) asleep: Cycles,
     switching: Cycles,
+    /// What the core began to execute, and when; `None` while nobody wants to know.
+    switches: Option<Vec<(Cycles, u16)>>,
 }
 
 /// What a step of the core did to the active exception.
@@ -107,13 +120,31 @@ impl Observer {
             None => self.thread += own,
         }
         match switch {
-            Switch::None => {}
+            Switch::None => return,
             Switch::Enter(exception) => self.enter(exception, now - overhead),
             Switch::Chain(exception) => {
                 self.leave(now);
                 self.enter(exception, now - overhead);
             }
             Switch::Return => self.leave(now),
+        }
+        self.note(now);
+    }
+
+    /// Notes from now on what the core executes.
+    pub(crate) fn note_switches(&mut self) {
+        self.switches.get_or_insert_default();
+    }
+
+    /// What the core began to execute since the last call.
+    pub(crate) fn take_switches(&mut self) -> Vec<(Cycles, u16)> {
+        self.switches.as_mut().map_or_else(Vec::new, mem::take)
+    }
+
+    fn note(&mut self, now: Cycles) {
+        let current = self.current();
+        if let Some(switches) = &mut self.switches {
+            switches.push((now, current));
         }
     }
 
@@ -142,8 +173,9 @@ impl Observer {
     }
 
     /// A reset discards all active exceptions.
-    pub(crate) fn abandon(&mut self) {
+    pub(crate) fn abandon(&mut self, now: Cycles) {
         self.stack.clear();
+        self.note(now);
     }
 
     pub(crate) fn report(&self, image: &Image) -> Load {
@@ -170,6 +202,7 @@ mod tests {
     #[test]
     fn preemption_is_nobodys_own_time_but_everybodys_response() {
         let mut observer = Observer::default();
+        observer.note_switches();
         observer.step(12, 0, 12, Switch::Enter(20));
         observer.step(22, 10, 0, Switch::None);
         observer.step(34, 0, 12, Switch::Enter(44));
@@ -190,5 +223,10 @@ mod tests {
         assert_eq!(of(44), (31, Some(31), 53));
         assert_eq!(of(21), (4, Some(4), 20));
         assert_eq!(load.switching, 12 + 12 + 10 + 6 + 10);
+        let switches = [(12, 20), (34, 44), (75, 20), (87, 21), (101, 0)];
+        assert_eq!(observer.take_switches(), switches);
+        observer.step(120, 0, 12, Switch::Enter(20));
+        observer.abandon(130);
+        assert_eq!(observer.take_switches(), [(120, 20), (130, 0)]);
     }
 }

@@ -143,6 +143,8 @@ struct Node {
     name: String,
     wiring: Wiring,
     console: Vec<u8>,
+    /// When each byte on the console ended.
+    console_times: Vec<SimTime>,
 }
 
 /// Converts parts in 10^6 to parts in 10^9.
@@ -244,6 +246,7 @@ impl Twin {
                 name,
                 wiring,
                 console: Vec::new(),
+                console_times: Vec::new(),
             });
         }
         if let Some(guardian) = vehicle.guardian() {
@@ -646,6 +649,7 @@ impl Twin {
             for byte in self.node_mut(node).drain_uart() {
                 if Some(byte.usart) == console {
                     self.nodes[node.0].console.push(byte.byte);
+                    self.nodes[node.0].console_times.push(byte.end);
                 } else {
                     let end = byte.cut.unwrap_or(byte.end);
                     sent.push((end, node, Sent::Byte(byte)));
@@ -735,6 +739,7 @@ impl Twin {
                 core_hz: mcu.core_hz(),
                 load: mcu.load(),
                 console: self.console(node).to_vec(),
+                console_times: self.nodes[node.0].console_times.clone(),
                 resets: mcu.resets().to_vec(),
                 locked_up: mcu.is_locked_up(),
                 unmodelled: mcu.unmodelled(),
@@ -774,6 +779,8 @@ pub struct NodeOutcome {
     pub load: Load,
     /// The bytes that it wrote to its console.
     pub console: Vec<u8>,
+    /// When each of them ended.
+    pub console_times: Vec<SimTime>,
     /// Its resets, power-on first.
     pub resets: Vec<(SimTime, ResetCause)>,
     /// True if it was in lockup at the end.

@@ -40,6 +40,27 @@ pub struct EffortChange {
     pub effort: f64,
 }
 
+/// A node closes or opens the relay in its motor's lead.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub struct RelayChange {
+    /// When.
+    pub at: SimTime,
+    /// The node that the relay is wired to.
+    pub node: NodeIndex,
+    /// Whether the node lets it conduct from then on. One that sticks conducts all the same.
+    pub closed: bool,
+}
+
+/// The text on the display changes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScreenChange {
+    /// When it was looked at.
+    pub at: SimTime,
+    /// Its four rows, and one with the colours of the lamps, as
+    /// [`Display::text`](crate::lcd::Display::text) tells them.
+    pub text: String,
+}
+
 /// A motor driver read something that was not sent to it.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 pub struct Garble {

@@ -17,7 +17,7 @@ use crate::line::{Heard, Wave};
 use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
-use crate::record::{Counters, EffortChange, Garble, StateSample};
+use crate::record::{Counters, EffortChange, Garble, RelayChange, ScreenChange, StateSample};
 use crate::rover::Side;
 use crate::row_drive::{RowDrive, Setting};
 use crate::scenario::{BusEvent, Clock, LARGEST_ERROR, Scenario};
@@ -218,12 +218,29 @@ struct Screen {
     node: Option<NodeIndex>,
     display: Box<dyn Display + Send>,
     line_free: SimTime,
+    /// It has got a byte since it was last looked at.
+    touched: bool,
+    changes: Vec<ScreenChange>,
+}
+
+impl Screen {
+    /// Records the text if it has changed since the last call.
+    fn record(&mut self, now: SimTime) {
+        if !core::mem::take(&mut self.touched) {
+            return;
+        }
+        let text = self.display.text();
+        if self.changes.last().is_none_or(|last| last.text != text) {
+            self.changes.push(ScreenChange { at: now, text });
+        }
+    }
 }
 
 impl Clone for Screen {
     fn clone(&self) -> Self {
         Self {
             display: self.display.copy(),
+            changes: self.changes.clone(),
             ..*self
         }
     }
@@ -250,6 +267,7 @@ pub struct World {
     next_record: SimTime,
     states: Vec<StateSample>,
     efforts: Vec<EffortChange>,
+    relays: Vec<RelayChange>,
     garbles: Vec<Garble>,
     counters: Counters,
     analog_noise: Stream,
@@ -305,6 +323,8 @@ impl World {
                 node: vehicle.node_of(Device::Display),
                 display: Box::new(display),
                 line_free: START,
+                touched: false,
+                changes: Vec::new(),
             },
             analogs: analogs(vehicle),
             inputs: Input::ALL.map(|input| vehicle.node_of(input.device())),
@@ -316,6 +336,7 @@ impl World {
             next_record: START,
             states: Vec::new(),
             efforts: Vec::new(),
+            relays: Vec::new(),
             garbles: Vec::new(),
             counters: Counters::default(),
             analog_noise: Stream::new(seed, Purpose::Analog),
@@ -664,6 +685,7 @@ impl World {
     fn record(&mut self, now: SimTime) {
         self.next_record = after(now, RECORD_PERIOD);
         self.drift(now);
+        self.screen.record(now);
         let fix = self.fix(now);
         let effort = |device| {
             let mut motors = self.motors.iter();
@@ -786,6 +808,7 @@ impl World {
 
     /// A node closes or opens the relay in its motor's lead.
     pub fn relay(&mut self, node: NodeIndex, closed: bool, at: SimTime) {
+        self.relays.push(RelayChange { at, node, closed });
         self.switch(node, at, |syren| syren.set_relay(closed));
     }
 
@@ -835,6 +858,7 @@ impl World {
             self.counters.lcd_wrong_baud += 1;
             return;
         }
+        self.screen.touched = true;
         let answer = self.screen.display.receive(byte, end);
         self.counters.lcd_commands = self.screen.display.executed();
         self.counters.lcd_refused = self.screen.display.refused();
@@ -957,6 +981,18 @@ impl World {
     #[must_use]
     pub fn efforts(&self) -> &[EffortChange] {
         &self.efforts
+    }
+
+    /// Changes of the relays in the leads of the motors so far, in order of time.
+    #[must_use]
+    pub fn relays(&self) -> &[RelayChange] {
+        &self.relays
+    }
+
+    /// What the display showed so far, looked at every [`RECORD_PERIOD`].
+    #[must_use]
+    pub fn screens(&self) -> &[ScreenChange] {
+        &self.screen.changes
     }
 
     /// What the motor drivers read so far that was not sent to them.

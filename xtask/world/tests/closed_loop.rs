@@ -43,7 +43,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
     };
     let summary = Summary::of(&run);
     let files = (
-        world::report::states_csv(&run).unwrap(),
+        world::report::states(&run).unwrap().csv(),
         track_svg(&run, &summary).unwrap(),
     );
     (summary, files.0, files.1)

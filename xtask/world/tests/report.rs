@@ -7,7 +7,7 @@ use std::time::Duration;
 use world::receiver::Fix;
 use world::report::{
     CropRun, Due, FrameRecord, Judgement, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
-    WindowKind, expectations, states_csv, terminal, track_svg,
+    WindowKind, approached, expectations, states, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
 use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
@@ -145,6 +145,22 @@ fn driven() -> Made {
     made.mode(0.0, "Idle", false);
     made.mode(1.0, "AutonomousRun", true);
     made
+}
+
+#[test]
+fn the_approach_is_over_when_the_mean_is_passed() {
+    let errors = |values: &[f64]| -> Vec<(f64, f64)> {
+        let timed = values.iter().enumerate();
+        timed.map(|(i, error)| (i as f64, *error)).collect()
+    };
+    // The mean is 0.01.
+    assert_eq!(
+        approached(&errors(&[0.05, 0.03, 0.02, -0.02, 0.0, -0.02])),
+        3
+    );
+    assert_eq!(approached(&errors(&[-0.05, -0.03, 0.02])), 2);
+    assert_eq!(approached(&errors(&[0.01, 0.01])), 0);
+    assert_eq!(approached(&[]), 0);
 }
 
 #[test]
@@ -679,7 +695,7 @@ fn the_table_of_states() {
     let mut made = driven();
     made.states.truncate(2);
     assert_eq!(
-        states_csv(&made.run()).unwrap(),
+        states(&made.run()).unwrap().csv(),
         "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
          cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n\
          0.00,0.0000,1.0000,5.730,-11.459,1.0000,0.0000,1.0000,5.730,0.0000,0.5000,fixed\n\
@@ -764,6 +780,47 @@ fn an_unfinished_folder_leaves_nothing() {
     folder.write("a.txt", b"A").unwrap();
     drop(folder);
     assert_eq!(std::fs::read_dir(parent.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn of_two_runs_into_one_folder_the_second_is_refused() {
+    let parent = tempfile::tempdir().unwrap();
+    let target = parent.path().join("out");
+    for exists in [false, true] {
+        let mut first = OutputFolder::create(&target).unwrap();
+        first.write("a.txt", b"A").unwrap();
+        let error = OutputFolder::create(&target).unwrap_err().to_string();
+        assert!(error.contains("another run writes to it"), "{error}");
+        first.finish().unwrap();
+        assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1, "{exists}");
+    }
+    // What a killed run has left is in nobody's way.
+    let left = target.join(".unfinished");
+    std::fs::create_dir(&left).unwrap();
+    std::fs::write(left.join(".lock"), b"").unwrap();
+    std::fs::write(left.join("b.txt"), b"B").unwrap();
+    let folder = OutputFolder::create(&target).unwrap();
+    folder.finish().unwrap();
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_not_replaced() {
+    let parent = tempfile::tempdir().unwrap();
+    let (kept, target) = (parent.path().join("kept.txt"), parent.path().join("out"));
+    std::fs::write(&kept, b"K").unwrap();
+    std::fs::create_dir(&target).unwrap();
+    let link = target.join("b.txt");
+    std::os::unix::fs::symlink(&kept, &link).unwrap();
+    let mut folder = OutputFolder::create(&target).unwrap();
+    folder.write("a.txt", b"A").unwrap();
+    folder.write("b.txt", b"B").unwrap();
+    let error = folder.finish().unwrap_err().to_string();
+    assert!(error.contains("its b.txt is no regular file"), "{error}");
+    assert!(link.is_symlink() && std::fs::read(&kept).unwrap() == b"K");
+    assert!(!target.join("a.txt").exists(), "all or nothing");
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
 }
 
 #[test]

@@ -252,7 +252,13 @@ fn the_folder_has_states_and_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("run");
     let mut files = OutputFolder::create(&target).unwrap();
-    let names = write(&run, &Summary::of(&run), &mut files).unwrap();
+    let names = write(
+        &run,
+        &Summary::of(&run),
+        world::report::table(&run).as_ref(),
+        &mut files,
+    )
+    .unwrap();
     files.finish().unwrap();
     assert_eq!(names, ["summary.json", "states.csv", "row.svg"]);
     let read = |name: &str| std::fs::read_to_string(target.join(name)).unwrap();

@@ -7,16 +7,17 @@ use embedded_can::Id;
 use world::SimTime;
 
 use super::{Attack, Kind, attacker::Planned};
+use crate::Word;
 use crate::traffic::Sent;
 
 /// Numbers of a run with attacks, or of many. Frames count when they were sent to their end: those that
 /// lost arbitration or were destroyed do not.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tally {
     /// Attacks, by kind.
-    pub attacks: BTreeMap<&'static str, u64>,
+    pub attacks: BTreeMap<Word, u64>,
     /// Forged and replayed frames, and references of a drift, by kind of attack.
-    pub attempts: BTreeMap<&'static str, u64>,
+    pub attempts: BTreeMap<Word, u64>,
     /// Those of them that carry the command's identifier and began in its window.
     pub attempts_in_command_window: u64,
     /// Frames of floods.
@@ -32,13 +33,13 @@ pub struct Tally {
     pub worst_recovery_seed: Option<u64>,
     /// Broken rules that are known to be open, by rule: those that no node can keep because a
     /// reference is proven only by the next one, and foreign references that no console counts.
-    pub known: BTreeMap<&'static str, u64>,
+    pub known: BTreeMap<Word, u64>,
     /// The first of them: seed, time in s and what happened.
-    pub known_examples: BTreeMap<&'static str, Example>,
+    pub known_examples: BTreeMap<Word, Example>,
 }
 
 /// An occurrence.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Example {
     /// Seed of its run.
     pub seed: u64,
@@ -57,9 +58,9 @@ impl Tally {
 
     /// Adds the numbers of a run.
     pub(crate) fn add(&mut self, other: &Self) {
-        let sum = |to: &mut BTreeMap<&'static str, u64>, from: &BTreeMap<&'static str, u64>| {
+        let sum = |to: &mut BTreeMap<Word, u64>, from: &BTreeMap<Word, u64>| {
             for (name, count) in from {
-                *to.entry(name).or_default() += count;
+                *to.entry(name.clone()).or_default() += count;
             }
         };
         sum(&mut self.attacks, &other.attacks);
@@ -82,14 +83,14 @@ impl Tally {
         for (rule, example) in &other.known_examples {
             let first = self.known_examples.get(rule);
             if first.is_none_or(|first| example.seed < first.seed) {
-                self.known_examples.insert(rule, example.clone());
+                self.known_examples.insert(rule.clone(), example.clone());
             }
         }
     }
 
     /// Notes a broken rule that is known to be open.
-    pub(crate) fn note(&mut self, rule: &'static str, example: Example) {
-        *self.known.entry(rule).or_default() += 1;
+    pub(crate) fn note(&mut self, rule: Word, example: Example) {
+        *self.known.entry(rule.clone()).or_default() += 1;
         self.known_examples.entry(rule).or_insert(example);
     }
 }

@@ -50,7 +50,7 @@ pub(crate) fn attacked(
     violations.retain(|violation| {
         let known = judge.is_known(violation, &foreign);
         if known {
-            tally.note(violation.rule, judge.example(violation));
+            tally.note(violation.rule.clone(), judge.example(violation));
         }
         !known
     });
@@ -102,12 +102,12 @@ impl Judge<'_> {
         let attacks = &self.sequence.attacks;
         let mut tally = Tally::default();
         for attack in attacks {
-            *tally.attacks.entry(attack.kind.name()).or_default() += 1;
+            *tally.attacks.entry(attack.kind.name().into()).or_default() += 1;
         }
         for frame in foreign {
             let kind = &attacks[frame.attack].kind;
             if kind.is_attempt() {
-                *tally.attempts.entry(kind.name()).or_default() += 1;
+                *tally.attempts.entry(kind.name().into()).or_default() += 1;
             } else {
                 tally.flood_frames += 1;
             }
@@ -145,11 +145,11 @@ impl Judge<'_> {
         let follows = |one: &&Misplaced| self.follows_foreign(&one.frame, foreign);
         if let Some(known) = misplaced.iter().find(follows) {
             let violation = Violation {
-                rule: "place",
+                rule: "place".into(),
                 at: seconds(known.frame.start),
                 what: known.to_string(),
             };
-            tally.note(violation.rule, self.example(&violation));
+            tally.note(violation.rule.clone(), self.example(&violation));
         }
         let other = misplaced.iter().find(|one| !follows(one));
         self.broken(other)
@@ -277,7 +277,7 @@ impl Judge<'_> {
 
     fn movement(&self, node: NodeIndex, at: f64, effort: &str) -> Movement {
         let violation = Violation {
-            rule: "forged",
+            rule: "forged".into(),
             at,
             what: format!(
                 "the motor of {} is driven with {effort}, which no genuine command of the last two basic periods asks for",
@@ -345,7 +345,7 @@ impl Judge<'_> {
             let starts: Vec<f64> = starts.map(|frame| seconds(frame.start)).collect();
             let took = |gaps: f64| returns(&starts, over, gaps * period);
             let late_by = |took: f64| Violation {
-                rule: "recovery",
+                rule: "recovery".into(),
                 at: over,
                 what: format!(
                     "{} {} came again {took:.3} s after the end of the attacks",
@@ -364,7 +364,7 @@ impl Judge<'_> {
             }
         }
         if let Some(known) = known {
-            tally.note(known.rule, self.example(&known));
+            tally.note(known.rule.clone(), self.example(&known));
         }
         late
     }
@@ -387,13 +387,13 @@ impl Judge<'_> {
             return None;
         }
         let violation = |frames: &[&Foreign], what: &str| Violation {
-            rule: "notice",
+            rule: "notice".into(),
             at: self.over(foreign),
             what: format!("no console counts any of {} foreign {what}", frames.len()),
         };
         if others.len() < NOTICED {
             let known = violation(&time, "references");
-            tally.note(known.rule, self.example(&known));
+            tally.note(known.rule.clone(), self.example(&known));
             return None;
         }
         Some(violation(&others, "frames"))

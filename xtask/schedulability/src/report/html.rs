@@ -15,10 +15,11 @@ const STYLE: &str = "\
     h1{font-size:1.5em}h2{font-size:1.15em;margin:1.6em 0 .3em}\n\
     table{border-collapse:collapse;margin:.4em 0 1em;font-variant-numeric:tabular-nums}\n\
     td,th{padding:.2em .7em;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap}\n\
-    td:first-child,th:first-child{text-align:left}\n\
+    td:first-child,th:first-child{text-align:left;position:sticky;left:0;background:inherit}\n\
+    tr{background:#fff}tr.miss{background:#fbdcdc}\n\
     .good{background:#e3f4e1;padding:.5em}.miss{background:#fbdcdc}p.miss{padding:.5em}\n\
     .chart{background:#fafafa;border:1px solid #ddd}.scroll{overflow-x:auto}pre{overflow:auto}\n\
-    @media(prefers-color-scheme:dark){body{background:#111;color:#ddd}.miss{background:#522}\
+    @media(prefers-color-scheme:dark){body,tr{background:#111;color:#ddd}.miss,tr.miss{background:#522}\
     .good{background:#243}.chart{background:#1a1a1a}td,th{border-color:#444}svg text{fill:#ddd}}\n";
 
 /// Tables, one basic cycle drawn for each node and the bus, and the worst-case path of each
@@ -84,12 +85,12 @@ pub(super) fn rows<const N: usize>(
     body: impl IntoIterator<Item = (bool, [String; N])>,
 ) -> Markup {
     markup! {
-        table {
+        div.scroll tabindex="0" { table {
             tr { @for heading in head { th { (heading) } } }
             @for (meets, cells) in body {
                 tr class=[(!meets).then_some("miss")] { @for cell in cells { td { (cell) } } }
             }
-        }
+        } }
     }
 }
 

@@ -20,7 +20,7 @@ pub struct AutonomousRun {
     pub mean_cross_track_error_cm: Option<f64>,
     /// Standard deviation of the cross-track error from then on.
     pub standard_deviation_cm: Option<f64>,
-    /// Largest cross-track error from then on, either side.
+    /// Largest cross-track error once the approach is over, either side: from where it first passes its mean.
     pub largest_cross_track_error_cm: Option<f64>,
     /// Largest cross-track error on the side of the line away from the start: the overshoot.
     pub overshoot_cm: f64,

@@ -4,19 +4,41 @@ use core::fmt;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A folder that receives all its files together.
 ///
 /// Files are written to a hidden folder on the same file system. [`OutputFolder::finish`] moves
 /// them to their places, each in one step that replaces an older file. A value dropped before that
-/// changes nothing. Other files in an existing folder stay.
+/// changes nothing, and [`remove_unfinished`] is for programs that are interrupted. Other files in an
+/// existing folder stay. Of two runs into one folder the second is refused.
 #[derive(Debug)]
 pub struct OutputFolder {
     target: PathBuf,
     staging: PathBuf,
+    /// Locked as long as the folder is not finished.
+    lock: fs::File,
     existed: bool,
     names: Vec<String>,
     finished: bool,
+}
+
+/// The hidden folders that this program writes to.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Its file that is locked.
+const LOCK: &str = ".lock";
+
+fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the hidden folders of all values that are not finished, for a program that ends at once.
+pub fn remove_unfinished() {
+    for staging in unfinished().drain(..) {
+        // If this fails, the hidden folder stays; the next run into the same place removes it.
+        let _ = fs::remove_dir_all(staging);
+    }
 }
 
 /// Why the output folder cannot be written. Displays as one sentence.
@@ -34,6 +56,7 @@ impl fmt::Display for FolderError {
                 "a file is in the way".to_owned()
             }
             io::ErrorKind::ReadOnlyFilesystem => "its file system is read-only".to_owned(),
+            io::ErrorKind::ResourceBusy => "another run writes to it".to_owned(),
             io::ErrorKind::StorageFull => "no space is left".to_owned(),
             _ => self.cause.to_string(),
         };
@@ -68,24 +91,22 @@ impl OutputFolder {
             return Err(fail(io::ErrorKind::NotADirectory.into()));
         }
         let existed = target.is_dir();
-        let beside = if existed {
-            target.clone()
-        } else {
-            match target.parent() {
-                Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
-                _ => PathBuf::from("."),
-            }
+        let name = target.file_name().filter(|_| !existed);
+        let beside = match (existed, target.parent()) {
+            (true, _) => target.clone(),
+            (false, Some(parent)) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+            (false, _) => PathBuf::from("."),
         };
         fs::create_dir_all(&beside).map_err(fail)?;
-        let staging = beside.join(format!(".unfinished-{}", std::process::id()));
-        if staging.is_dir() {
-            fs::remove_dir_all(&staging).map_err(fail)?;
-        }
-        fs::create_dir(&staging).map_err(fail)?;
+        let name = name.map(|name| format!("-{}", name.to_string_lossy()));
+        let staging = beside.join(format!(".unfinished{}", name.unwrap_or_default()));
+        let lock = reserve(&staging).map_err(fail)?;
+        unfinished().push(staging.clone());
         Ok(Self {
+            existed: target.is_dir(),
             target,
             staging,
-            existed,
+            lock,
             names: Vec::new(),
             finished: false,
         })
@@ -124,7 +145,9 @@ impl OutputFolder {
     /// # Errors
     /// When a file cannot be moved.
     pub fn finish(mut self) -> Result<PathBuf, FolderError> {
+        fs::remove_file(self.staging.join(LOCK)).map_err(|cause| self.fail(cause))?;
         if self.existed {
+            self.names.iter().try_for_each(|name| self.vacant(name))?;
             for name in &self.names {
                 fs::rename(self.staging.join(name), self.target.join(name))
                     .map_err(|cause| self.fail(cause))?;
@@ -134,8 +157,44 @@ impl OutputFolder {
             fs::rename(&self.staging, &self.target).map_err(|cause| self.fail(cause))?;
         }
         self.finished = true;
+        self.forget();
         Ok(self.target.clone())
     }
+
+    /// Whether a file can be put to its place: what is no regular file is not replaced.
+    fn vacant(&self, name: &str) -> Result<(), FolderError> {
+        match fs::symlink_metadata(self.target.join(name)) {
+            Ok(there) if !there.is_file() => {
+                let why = format!("its {name} is no regular file");
+                Err(self.fail(io::Error::other(why)))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn forget(&self) {
+        unfinished().retain(|staging| *staging != self.staging);
+        // Closing the file would do it, too.
+        let _ = self.lock.unlock();
+    }
+}
+
+/// Makes the hidden folder and locks it. One that a killed run has left is emptied.
+fn reserve(staging: &Path) -> io::Result<fs::File> {
+    let in_use = |error| match error {
+        fs::TryLockError::WouldBlock => io::ErrorKind::ResourceBusy.into(),
+        fs::TryLockError::Error(error) => error,
+    };
+    if staging.is_dir() {
+        if let Ok(lock) = fs::File::open(staging.join(LOCK)) {
+            lock.try_lock().map_err(in_use)?;
+        }
+        fs::remove_dir_all(staging)?;
+    }
+    fs::create_dir(staging)?;
+    let lock = fs::File::create_new(staging.join(LOCK))?;
+    lock.try_lock().map_err(in_use)?;
+    Ok(lock)
 }
 
 impl Drop for OutputFolder {
@@ -143,6 +202,7 @@ impl Drop for OutputFolder {
         if !self.finished {
             // If this fails, the hidden folder stays; no better reaction is possible here.
             let _ = fs::remove_dir_all(&self.staging);
+            self.forget();
         }
     }
 }

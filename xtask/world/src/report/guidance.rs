@@ -47,6 +47,18 @@ pub(super) fn errors<'a>(run: &'a Run) -> impl Iterator<Item = (f64, f64)> + 'a 
     })
 }
 
+/// Where the approach of settled errors, with their times, is over: where they first pass their mean.
+#[must_use]
+pub fn approached(errors: &[(f64, f64)]) -> usize {
+    let mean = errors.iter().map(|(_, error)| error).sum::<f64>() / errors.len().max(1) as f64;
+    let side = |error: f64| error > mean;
+    let mut errors = errors.iter().map(|(_, error)| side(*error));
+    let first = errors.next();
+    errors
+        .position(|side| Some(side) != first)
+        .map_or(0, |later| later + 1)
+}
+
 /// The index from which the errors (time in seconds, cross-track error in metres, in order of time)
 /// stay within [`BAND`] for at least 3 s; `None` if they never do.
 #[must_use]
@@ -101,7 +113,8 @@ pub(super) fn autonomous_runs(run: &Run) -> Vec<AutonomousRun> {
                 .map(|(_, error)| (error - mean) * (error - mean))
                 .sum::<f64>()
                 / count;
-            let largest = steady
+            // The first of them lie near the edge of the band, because the vehicle still approaches.
+            let largest = steady[approached(steady)..]
                 .iter()
                 .map(|(_, error)| error.abs())
                 .fold(0.0, f64::max);

@@ -18,6 +18,7 @@ mod rover;
 mod row;
 mod states;
 mod summary;
+mod table;
 mod terminal;
 mod track;
 
@@ -31,15 +32,16 @@ pub use figures::{
     AutonomousRun, BusFigures, GateFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,
 };
-pub use folder::{FolderError, OutputFolder};
-pub use guidance::{BAND, settled};
+pub use folder::{FolderError, OutputFolder, remove_unfinished};
+pub use guidance::{BAND, approached, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
 pub use plot::Span;
-pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_csv, rover_svg};
+pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_states, rover_svg};
 pub use row::{RowPicture, row_svg};
-pub use states::states_csv;
+pub use states::states;
 pub use summary::Summary;
+pub use table::{Cell, Column, Table};
 pub use terminal::terminal;
 pub use track::track_svg;
 
@@ -168,14 +170,22 @@ pub struct TaskTime {
     pub core_hz: u64,
 }
 
-/// Writes `summary.json` into `folder`, for a vehicle with a machine `states.csv` and `track.svg`,
-/// and for one with a rover `states.csv` and `row.svg`, which a machine between rows has too. Returns the names of the files.
+/// The vehicle's states over time; `None` for one without a machine and a rover.
+#[must_use]
+pub fn table(run: &Run) -> Option<Table> {
+    states(run).or_else(|| run.rover.as_ref().map(rover_states))
+}
+
+/// Writes `summary.json` into `folder`, `states.csv` with the states of [`table`], for a vehicle with
+/// a machine `track.svg`, and for one with a rover `row.svg`, which a machine between rows has too.
+/// Returns the names of the files.
 ///
 /// # Errors
 /// When a file cannot be written.
 pub fn write(
     run: &Run,
     summary: &Summary,
+    states: Option<&Table>,
     folder: &mut OutputFolder,
 ) -> Result<Vec<&'static str>, FolderError> {
     let scenario = run.scenario;
@@ -183,7 +193,7 @@ pub fn write(
     let (rover, crop) = (run.rover.as_ref(), run.crop.as_ref());
     let files = [
         ("summary.json", Some(summary.json())),
-        ("states.csv", states_csv(run).or(rover.map(rover_csv))),
+        ("states.csv", states.map(Table::csv)),
         ("track.svg", track_svg(run, summary)),
         (
             "row.svg",

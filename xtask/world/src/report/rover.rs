@@ -1,11 +1,9 @@
 //! A rover's way along its row: figures and states.
 
-use core::fmt::Write;
-
 use serde::Serialize;
 
-use super::RowPicture;
 use super::figures::rounded;
+use super::{Cell, Column, RowPicture, Table};
 use crate::row_drive::{RowDrive, RowSample, Touch};
 use crate::rows::Rows;
 use crate::time::{SimDuration, SimTime, seconds, span_seconds};
@@ -201,43 +199,58 @@ pub(super) fn contacts(rows: &Rows, touches: &[Touch]) -> Vec<ContactFigures> {
     touches.iter().map(figures).collect()
 }
 
-/// `states.csv` of a rover: one line for each recorded state, every 10 ms. Stations, offsets and
-/// headings are the true ones; distances are those that the sensors measured last, empty without a
-/// target.
+/// One row for each recorded state of a rover, every 10 ms. Stations, offsets and headings are the true
+/// ones; distances are those that the sensors measured last, empty without a target.
 #[must_use]
-pub fn rover_csv(run: &RoverRun) -> String {
-    let mut text = String::from(
-        "time_s,x_m,y_m,station_m,right_m,heading_error_deg,speed_m_s,left_effort,right_effort,\
-         left_sensor_m,right_sensor_m\n",
-    );
-    for sample in run.drive.samples() {
-        let columns = [
-            (seconds(sample.at), 2),
-            (sample.state.x, 4),
-            (sample.state.y, 4),
-            (sample.station, 4),
-            (sample.right, 4),
-            (sample.heading.to_degrees(), 3),
-            (sample.state.speed, 4),
-            (sample.efforts[0], 4),
-            (sample.efforts[1], 4),
+pub fn rover_states(run: &RoverRun) -> Table {
+    let row = |sample: &RowSample| {
+        let numbers = [
+            seconds(sample.at),
+            sample.state.x,
+            sample.state.y,
+            sample.station,
+            sample.right,
+            sample.heading.to_degrees(),
+            sample.state.speed,
+            sample.efforts[0],
+            sample.efforts[1],
         ];
-        let columns = columns.map(|(value, digits)| (Some(value), digits));
-        let sensors = sample.distances.map(|distance| (distance, 4));
-        for (i, (value, digits)) in columns.into_iter().chain(sensors).enumerate() {
-            let comma = if i == 0 { "" } else { "," };
-            // Writing to a string cannot fail.
-            let _ = match value {
-                Some(value) => {
-                    let value = rounded(value, digits as i32);
-                    write!(text, "{comma}{value:.digits$}")
-                }
-                None => write!(text, "{comma}"),
-            };
-        }
-        text.push('\n');
+        let numbers = numbers.map(Cell::Number).into_iter();
+        numbers.chain(sample.distances.map(Cell::from)).collect()
+    };
+    let columns = [
+        ("time_s", "s", 2, "time from power-on"),
+        ("x_m", "m", 4, "place of the middle, along the first row"),
+        ("y_m", "m", 4, "place of the middle, to the right of that"),
+        ("station_m", "m", 4, "way along the row"),
+        (
+            "right_m",
+            "m",
+            4,
+            "offset from the middle of the row, positive right",
+        ),
+        ("heading_error_deg", "deg", 3, "heading against the row"),
+        ("speed_m_s", "m/s", 4, "speed"),
+        ("left_effort", "", 4, "effort of the left motors, -1 to 1"),
+        ("right_effort", "", 4, "effort of the right motors, -1 to 1"),
+        (
+            "left_sensor_m",
+            "m",
+            4,
+            "what the left sensor measured last",
+        ),
+        (
+            "right_sensor_m",
+            "m",
+            4,
+            "what the right sensor measured last",
+        ),
+    ];
+    let column = |(name, unit, digits, what)| Column::new(name, unit, digits, what);
+    Table {
+        columns: columns.map(column).into(),
+        rows: run.drive.samples().iter().map(row).collect(),
     }
-    text
 }
 
 /// `row.svg` of a rover: the row, its path and the first contact.

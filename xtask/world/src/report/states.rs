@@ -1,45 +1,73 @@
 //! The vehicle's states as a table.
 
-use core::fmt::Write;
-
-use super::Run;
+use super::{Cell, Column, Run, Table};
 use crate::time::seconds;
 use crate::vehicle::wrap;
 
-/// `states.csv`: one line for each recorded state, every 10 ms; `None` without a machine. Positions
-/// are the true ones of the point on the centre line beside the antenna, not the receiver's
-/// measurements.
+/// One row for each recorded state, every 10 ms; `None` without a machine. Positions are the true
+/// ones of the point on the centre line beside the antenna, not the receiver's measurements.
 #[must_use]
-pub fn states_csv(run: &Run) -> Option<String> {
+pub fn states(run: &Run) -> Option<Table> {
     let line = run.scenario.line.as_ref()?;
-    let mut text = String::from(
-        "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
-         cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n",
-    );
     let direction = line.direction();
-    for state in run.states {
+    let row = |state: &crate::record::StateSample| {
         let (along, error) = line.locate(state.north, state.east);
         let heading = state.heading.to_degrees().rem_euclid(360.0);
-        let columns = [
-            (seconds(state.at), 2),
-            (state.north, 4),
-            (state.east, 4),
-            (heading, 3),
-            (state.steering.to_degrees(), 3),
-            (state.speed, 4),
-            (along, 4),
-            (error, 4),
-            (wrap(state.heading - direction).to_degrees(), 3),
-            (state.steering_effort, 4),
-            (state.drive_effort, 4),
+        let numbers = [
+            seconds(state.at),
+            state.north,
+            state.east,
+            heading,
+            state.steering.to_degrees(),
+            state.speed,
+            along,
+            error,
+            wrap(state.heading - direction).to_degrees(),
+            state.steering_effort,
+            state.drive_effort,
         ];
-        for (value, digits) in columns {
-            let value = super::figures::rounded(value, digits as i32);
-            // Writing to a string cannot fail.
-            let _ = write!(text, "{value:.digits$},");
-        }
-        text.push_str(state.fix.name());
-        text.push('\n');
-    }
-    Some(text)
+        let numbers = numbers.map(Cell::Number).into_iter();
+        numbers.chain([Cell::Word(state.fix.name())]).collect()
+    };
+    Some(Table {
+        columns: columns(),
+        rows: run.states.iter().map(row).collect(),
+    })
+}
+
+fn columns() -> Vec<Column> {
+    vec![
+        Column::new("time_s", "s", 2, "time from power-on"),
+        Column::new("north_m", "m", 4, "true northing beside the antenna"),
+        Column::new("east_m", "m", 4, "true easting beside the antenna"),
+        Column::new(
+            "heading_deg",
+            "deg",
+            3,
+            "true heading, clockwise from north",
+        ),
+        Column::new(
+            "steering_angle_deg",
+            "deg",
+            3,
+            "steering angle, positive right",
+        ),
+        Column::new("speed_m_s", "m/s", 4, "speed of the rear wheels"),
+        Column::new("along_m", "m", 4, "way along the line"),
+        Column::new(
+            "cross_track_error_m",
+            "m",
+            4,
+            "true cross-track error, positive right of the line",
+        ),
+        Column::new("heading_error_deg", "deg", 3, "heading against the line"),
+        Column::new(
+            "steering_effort",
+            "",
+            4,
+            "effort of the steering motor, -1 to 1",
+        ),
+        Column::new("drive_effort", "", 4, "effort of the drive motor, -1 to 1"),
+        Column::new("fix", "", 0, "quality of the receiver's solution"),
+    ]
 }

@@ -222,7 +222,7 @@ fn write_run(t: &mut String, run: &AutonomousRun) -> core::fmt::Result {
             figure(run.standard_deviation_cm, 2, "cm"),
         ),
         (
-            "largest once settled",
+            "largest, approach over",
             figure(run.largest_cross_track_error_cm, 2, "cm"),
         ),
         ("overshoot", figure(Some(run.overshoot_cm), 2, "cm")),

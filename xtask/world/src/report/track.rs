@@ -222,7 +222,7 @@ fn from_above(canvas: &mut Canvas, line: &Line, panels: &Panels, path: &[(f64, f
     } = panels;
     plan.axes(canvas, "way along the line (m)", "right of line (m)");
     let text = if stretch > 1.05 {
-        format!("Seen from above, stretched {stretch:.0} times across the line")
+        format!("Seen from above, stretched {stretch:.1} times across the line")
     } else {
         "Seen from above, true to scale".to_owned()
     };

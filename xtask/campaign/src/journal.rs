@@ -1,0 +1,207 @@
+//! What a campaign has done so far, in a file, so that one that was interrupted can go on.
+//!
+//! The first line names the campaign and the part; each further one is the verdict of a sequence. A last
+//! line that was cut off is dropped.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::attack::Tally;
+use crate::options::Shard;
+use crate::report::{Campaign, Verdict};
+
+/// The first line.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Heading {
+    campaign: Campaign,
+    shard: Shard,
+}
+
+/// A further line.
+#[derive(Debug, Serialize, Deserialize)]
+struct Entry {
+    verdict: Verdict,
+    tally: Tally,
+}
+
+/// The file of a campaign that runs.
+#[derive(Debug)]
+pub struct Journal {
+    file: File,
+}
+
+/// Why a journal cannot be used. Displays as a clause.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// It cannot be read or written.
+    #[error(transparent)]
+    File(#[from] io::Error),
+    /// It is that of another campaign.
+    #[error("it is the journal of another campaign, or of other images")]
+    Other,
+    /// Another process writes it.
+    #[error("another run writes it")]
+    InUse,
+    /// A line in its middle is none of a journal.
+    #[error("line {line} is none of a journal")]
+    Line {
+        /// Its number.
+        line: usize,
+    },
+}
+
+impl Journal {
+    /// Opens the journal at `path`, which may exist or not, and returns the verdicts in it.
+    ///
+    /// # Errors
+    /// It belongs to another campaign or to a process that runs, or cannot be read or written.
+    pub fn open(
+        path: &Path,
+        campaign: &Campaign,
+        shard: Shard,
+    ) -> Result<(Self, Vec<Verdict>), JournalError> {
+        let mut options = OpenOptions::new();
+        let mut file = options
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)?;
+        file.try_lock().map_err(|error| match error {
+            std::fs::TryLockError::WouldBlock => JournalError::InUse,
+            std::fs::TryLockError::Error(error) => JournalError::File(error),
+        })?;
+        let heading = Heading {
+            campaign: campaign.clone(),
+            shard,
+        };
+        let (done, length) = read(&mut file, &heading)?;
+        // What is behind the last whole line was cut off.
+        file.set_len(length)?;
+        file.seek(SeekFrom::End(0))?;
+        let mut journal = Self { file };
+        if length == 0 {
+            journal.write(&heading)?;
+        }
+        Ok((journal, done))
+    }
+
+    /// Adds the verdict of a sequence. It is on the disk when this returns, as far as the system
+    /// tells.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn add(&mut self, verdict: &Verdict) -> io::Result<()> {
+        self.write(&Entry {
+            verdict: verdict.clone(),
+            tally: verdict.tally.clone(),
+        })
+    }
+
+    fn write(&mut self, line: &impl Serialize) -> io::Result<()> {
+        let mut text = serde_json::to_vec(line)?;
+        text.push(b'\n');
+        self.file.write_all(&text)
+    }
+}
+
+/// The verdicts in a journal, and the length of its whole lines.
+fn read(file: &mut File, heading: &Heading) -> Result<(Vec<Verdict>, u64), JournalError> {
+    let mut lines = BufReader::new(file);
+    let mut done = Vec::new();
+    let mut length = 0;
+    for line in 1.. {
+        let mut text = Vec::new();
+        lines.read_until(b'\n', &mut text)?;
+        if text.pop() != Some(b'\n') {
+            break;
+        }
+        if line == 1 {
+            let found: Heading =
+                serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
+            if found != *heading {
+                return Err(JournalError::Other);
+            }
+        } else {
+            let entry: Entry =
+                serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
+            done.push(Verdict {
+                tally: entry.tally,
+                ..entry.verdict
+            });
+        }
+        length += text.len() as u64 + 1;
+    }
+    Ok((done, length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::Trouble;
+
+    fn campaign(seed: u64) -> Campaign {
+        Campaign {
+            vehicle: "uagv".into(),
+            trouble: Trouble::Faults,
+            sequences: 4,
+            seed,
+            images: std::collections::BTreeMap::new(),
+        }
+    }
+
+    fn verdict(seed: u64) -> Verdict {
+        Verdict {
+            seed,
+            story: vec!["a node is reset".into()],
+            violations: Vec::new(),
+            tally: Tally {
+                flood_frames: seed,
+                ..Tally::default()
+            },
+        }
+    }
+
+    #[test]
+    fn a_journal_goes_on_behind_its_last_whole_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("faults.journal");
+        let shard = Shard::default();
+        let (mut journal, done) = Journal::open(&path, &campaign(1), shard).unwrap();
+        assert_eq!(done, []);
+        journal.add(&verdict(1)).unwrap();
+        journal.add(&verdict(2)).unwrap();
+        let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
+        assert!(matches!(error, JournalError::InUse), "{error}");
+        drop(journal);
+        let whole = std::fs::read(&path).unwrap();
+        for cut in 1..60 {
+            std::fs::write(&path, &whole[..whole.len() - cut]).unwrap();
+            let (mut journal, done) = Journal::open(&path, &campaign(1), shard).unwrap();
+            assert_eq!(done, [verdict(1)], "{cut}");
+            journal.add(&verdict(2)).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), whole);
+        }
+        let (_, done) = Journal::open(&path, &campaign(1), shard).unwrap();
+        assert_eq!(done, [verdict(1), verdict(2)]);
+    }
+
+    #[test]
+    fn a_foreign_file_is_refused_and_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("faults.journal");
+        let shard = Shard::default();
+        drop(Journal::open(&path, &campaign(1), shard).unwrap());
+        let kept = std::fs::read(&path).unwrap();
+        let error = Journal::open(&path, &campaign(2), shard).unwrap_err();
+        assert!(matches!(error, JournalError::Other), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), kept);
+        std::fs::write(&path, "something\nelse\n").unwrap();
+        let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
+        assert_eq!(error.to_string(), "line 1 is none of a journal");
+        assert_eq!(std::fs::read(&path).unwrap(), b"something\nelse\n");
+    }
+}

@@ -1,0 +1,182 @@
+//! `monitor`: a bus against its schedule, as it happens.
+
+mod watch;
+
+use std::{
+    fs::File,
+    io::{IsTerminal, Write},
+    path::Path,
+    time::Duration,
+};
+
+use can_bus::{SimTime, candump};
+
+use crate::{
+    Failure, Workspace,
+    cli::Monitor,
+    selftest::{self, Received, TransportError},
+};
+pub use watch::{Class, NodeState, Picture, Watch, WindowState};
+
+/// How often the picture is renewed.
+const RENEWED: Duration = Duration::from_secs(1);
+
+/// Why the command fails.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The bus cannot be reached.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The record cannot be written.
+    #[error(
+        "--record: {file} cannot be written: {error}; name a file that is not there yet, in a folder that can be written to"
+    )]
+    Record {
+        /// The file.
+        file: String,
+        /// Why.
+        #[source]
+        error: std::io::Error,
+    },
+    /// No frame came.
+    #[error(
+        "{bus} was silent for {seconds:.1} s: is the network's bit rate right, and is a node powered?"
+    )]
+    Silent {
+        /// The bus.
+        bus: String,
+        /// How long it was listened to, s.
+        seconds: f64,
+    },
+}
+
+impl Error {
+    /// Whether the command line is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        match self {
+            Self::Transport(error) => error.is_usage(),
+            Self::Record { .. } => true,
+            Self::Silent { .. } => false,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// There is no such vehicle or bus (exit code 2), or the bus is silent.
+pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
+    let name = options.vehicle.as_deref();
+    let vehicle = selftest::of_bus(workspace, name, &options.bus, &options.set)?;
+    let mut record = match &options.record {
+        Some(file) => Some(Record::create(file)?),
+        None => None,
+    };
+    let bit_rate = vehicle.network().bit_rate;
+    let mut transport = selftest::open(workspace, &vehicle, &options.bus, bit_rate)?;
+    let begin = transport.now();
+    let end = options.seconds.map(|seconds| begin + seconds);
+    let mut watch = Watch::new(&vehicle);
+    let mut screen = Screen::new(options.json);
+    let mut next = begin + RENEWED;
+    while end.is_none_or(|end| transport.now() < end) {
+        let until = end.map_or(next, |end| end.min(next));
+        if let Some(received) = transport.receive(until).map_err(Error::from)? {
+            watch.take(received.at - begin.min(received.at), &received.frame);
+            if let Some(record) = &mut record {
+                record.add(&received)?;
+            }
+        }
+        if transport.now() >= next {
+            next += RENEWED;
+            screen.show(&watch.picture(transport.now().saturating_sub(begin)));
+        }
+    }
+    let watched = transport.now().saturating_sub(begin);
+    let picture = watch.picture(watched);
+    if options.json {
+        println!("{}", picture.json());
+    } else {
+        screen.clear();
+        print!("{}", picture.text());
+    }
+    if picture.frames == 0 {
+        let bus = options.bus.to_string();
+        let seconds = watched.as_secs_f64();
+        return Err(Error::Silent { bus, seconds }.into());
+    }
+    Ok(())
+}
+
+/// The picture on the standard error, renewed in place on a terminal, and a line in each second
+/// elsewhere.
+struct Screen {
+    terminal: bool,
+    lines: usize,
+    quiet: bool,
+}
+
+impl Screen {
+    fn new(quiet: bool) -> Self {
+        Self {
+            terminal: std::io::stderr().is_terminal(),
+            lines: 0,
+            quiet,
+        }
+    }
+
+    fn show(&mut self, picture: &Picture) {
+        if self.quiet && self.terminal {
+            return;
+        }
+        if !self.terminal {
+            eprintln!("{}", picture.line());
+            return;
+        }
+        self.clear();
+        let text = picture.text();
+        self.lines = text.lines().count();
+        eprint!("{text}");
+    }
+
+    /// Takes the last picture away.
+    fn clear(&mut self) {
+        if self.lines > 0 {
+            // Up to the first line of it, and everything below is erased.
+            eprint!("\x1b[{}A\x1b[J", self.lines);
+            self.lines = 0;
+        }
+    }
+}
+
+/// The frames in a file, in the format of `candump -l`.
+struct Record {
+    file: File,
+    name: String,
+}
+
+impl Record {
+    fn create(path: &Path) -> Result<Self, Error> {
+        let name = path.display().to_string();
+        match File::create_new(path) {
+            Ok(file) => Ok(Self { file, name }),
+            Err(error) => Err(Error::Record { file: name, error }),
+        }
+    }
+
+    /// A line is written at once, so that nothing is lost when the command is interrupted.
+    fn add(&mut self, received: &Received) -> Result<(), Error> {
+        let nanos = u64::try_from(received.at.as_nanos()).unwrap_or(u64::MAX);
+        let line = candump::Line {
+            at: SimTime::from_ticks(nanos.saturating_mul(1000)),
+            interface: "can0".into(),
+            frame: received.frame,
+        };
+        let written = self.file.write_all(format!("{line}\n").as_bytes());
+        written.map_err(|error| Error::Record {
+            file: self.name.clone(),
+            error,
+        })
+    }
+}

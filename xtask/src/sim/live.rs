@@ -1,0 +1,232 @@
+//! A run that other programs take part in, as fast as time passes.
+
+#[cfg(unix)]
+mod terminal;
+
+use std::{
+    fmt,
+    path::PathBuf,
+    str::FromStr,
+    thread,
+    time::{Duration, Instant},
+};
+
+use can_bus::{Frame, NodeId, Record, RecordKind, Retry, Tester};
+use twin::Twin;
+use world::{SimTime, time::seconds};
+
+use crate::selftest::{Transport, TransportError, socketcan};
+
+/// Where other programs reach the virtual bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Can {
+    /// A pseudo-terminal that behaves as an adapter that speaks slcan, and a link to it.
+    Slcan(Option<PathBuf>),
+    /// A SocketCAN interface of Linux.
+    SocketCan(String),
+}
+
+/// A text that names no way to the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("slcan, slcan:LINK or socketcan:INTERFACE is accepted")]
+pub struct NoCan;
+
+impl FromStr for Can {
+    type Err = NoCan;
+
+    fn from_str(text: &str) -> Result<Self, NoCan> {
+        match text.split_once(':') {
+            None if text == "slcan" => Ok(Self::Slcan(None)),
+            Some(("slcan", link)) if !link.is_empty() => Ok(Self::Slcan(Some(link.into()))),
+            Some(("socketcan", name)) if !name.is_empty() => Ok(Self::SocketCan(name.into())),
+            _ => Err(NoCan),
+        }
+    }
+}
+
+impl fmt::Display for Can {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Slcan(None) => f.write_str("slcan"),
+            Self::Slcan(Some(link)) => write!(f, "slcan:{}", link.display()),
+            Self::SocketCan(name) => write!(f, "socketcan:{name}"),
+        }
+    }
+}
+
+/// Why nobody can take part.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The interface cannot be used.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// There is no pseudo-terminal.
+    #[error("--can: no pseudo-terminal can be made: {0}")]
+    Terminal(#[source] std::io::Error),
+    /// The link to it cannot be made.
+    #[error("--can: {} cannot be made: {error}; name a link that is not there yet", link.display())]
+    Link {
+        /// The link.
+        link: PathBuf,
+        /// Why.
+        #[source]
+        error: std::io::Error,
+    },
+    /// The system has no pseudo-terminals.
+    #[error("--can slcan needs a system with pseudo-terminals; socketcan:INTERFACE needs Linux")]
+    NoTerminal,
+}
+
+/// A way to other programs.
+trait Bridge {
+    /// Gives them a frame that was on the bus, which ended at this millisecond.
+    fn give(&mut self, frame: &Frame, millis: u64) -> Result<(), Error>;
+
+    /// The next frame that one of them sends.
+    fn take(&mut self) -> Result<Option<Frame>, Error>;
+}
+
+/// An interface of the system: the frames of the virtual bus are sent there.
+struct Interface(Box<dyn Transport>);
+
+impl Bridge for Interface {
+    fn give(&mut self, frame: &Frame, _: u64) -> Result<(), Error> {
+        Ok(self.0.send(frame)?)
+    }
+
+    fn take(&mut self) -> Result<Option<Frame>, Error> {
+        let received = self.0.receive(Duration::ZERO)?;
+        Ok(received.map(|received| received.frame))
+    }
+}
+
+/// Makes the bridge, and says how it is reached.
+fn bridge(can: &Can, bit_rate: u32) -> Result<(Box<dyn Bridge>, String), Error> {
+    match can {
+        Can::SocketCan(name) => {
+            let interface = Interface(socketcan(name, bit_rate)?);
+            Ok((Box::new(interface), name.clone()))
+        }
+        #[cfg(unix)]
+        Can::Slcan(link) => {
+            let terminal = terminal::Terminal::open(link.as_deref())?;
+            let name = terminal.name().to_owned();
+            Ok((Box::new(terminal), name))
+        }
+        #[cfg(not(unix))]
+        Can::Slcan(_) => Err(Error::NoTerminal),
+    }
+}
+
+/// A run at the pace of real time, and what joins it.
+pub(crate) struct Live {
+    /// Simulated seconds in a second.
+    speed: f64,
+    bridge: Option<Box<dyn Bridge>>,
+    /// The sender of what other programs send.
+    tester: Option<NodeId>,
+    bit_rate: u32,
+    /// Records that were passed on.
+    passed: usize,
+    begin: Option<Instant>,
+    /// How far the simulation was behind at most.
+    behind: Duration,
+}
+
+impl Live {
+    /// Opens the way to the bus, if one is wanted, and says on the standard error how it is reached.
+    ///
+    /// # Errors
+    /// It cannot be opened.
+    pub(crate) fn open(can: Option<&Can>, speed: f64, bit_rate: u32) -> Result<Self, Error> {
+        let bridge = match can {
+            None => None,
+            Some(can) => {
+                let (bridge, name) = bridge(can, bit_rate)?;
+                eprintln!("The virtual bus is at {name}.");
+                Some(bridge)
+            }
+        };
+        Ok(Self {
+            speed,
+            bridge,
+            tester: None,
+            bit_rate,
+            passed: 0,
+            begin: None,
+            behind: Duration::ZERO,
+        })
+    }
+
+    /// Passes on what was on the bus since the last call and what others send, and waits until the
+    /// simulated time has come.
+    ///
+    /// # Errors
+    /// The bus cannot be reached any more.
+    pub(crate) fn keep_up(&mut self, twin: &mut Twin) -> Result<(), Error> {
+        self.exchange(twin)?;
+        let due = Duration::from_secs_f64(seconds(twin.now()) / self.speed);
+        let begin = *self.begin.get_or_insert_with(Instant::now);
+        let passed = begin.elapsed();
+        match due.checked_sub(passed) {
+            Some(early) => thread::sleep(early),
+            None => self.behind = self.behind.max(passed.saturating_sub(due)),
+        }
+        Ok(())
+    }
+
+    fn exchange(&mut self, twin: &mut Twin) -> Result<(), Error> {
+        let Some(bridge) = &mut self.bridge else {
+            return Ok(());
+        };
+        let tester = *self.tester.get_or_insert_with(|| {
+            let tester = Tester::new().at_bit_rate(self.bit_rate);
+            twin.network().bus().add_tester(tester)
+        });
+        let records = twin.records();
+        for record in records.get(self.passed..).unwrap_or_default() {
+            if let Some(frame) = on_bus(record, tester) {
+                bridge.give(&frame, millis(record.at))?;
+            }
+        }
+        self.passed = records.len();
+        let now = twin.now();
+        while let Some(frame) = bridge.take()? {
+            let mut bus = twin.network().bus();
+            bus.send_at(tester, now, frame, Retry::UntilSent);
+        }
+        Ok(())
+    }
+
+    /// How far the simulation fell behind, if frames of others may have come too late for their windows.
+    pub(crate) fn late(&self) -> Option<Duration> {
+        (self.behind > Duration::from_millis(5)).then_some(self.behind)
+    }
+}
+
+/// The frame that a record says has been sent, by somebody else than `own`.
+fn on_bus(record: &Record, own: NodeId) -> Option<Frame> {
+    match record.kind {
+        RecordKind::FrameEnd { frame, .. } if record.node != own => Some(frame),
+        _ => None,
+    }
+}
+
+fn millis(at: SimTime) -> u64 {
+    at.as_ticks() / 1_000_000_000
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ways_to_the_bus_are_named() {
+        for text in ["slcan", "slcan:/tmp/bus", "socketcan:vcan0"] {
+            assert_eq!(text.parse::<Can>().unwrap().to_string(), text);
+        }
+        for text in ["", "can0", "slcan:", "socketcan", "socketcan:", "udp:1"] {
+            assert_eq!(text.parse::<Can>(), Err(NoCan), "{text}");
+        }
+    }
+}

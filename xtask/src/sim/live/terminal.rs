@@ -1,0 +1,133 @@
+//! A pseudo-terminal behind which the virtual bus is, as if it were a serial port with an adapter.
+
+use std::{
+    collections::VecDeque,
+    fs::{self, File, OpenOptions},
+    io::{self, Read, Write},
+    os::unix::fs::symlink,
+    path::{Path, PathBuf},
+};
+
+use can_bus::{Frame, slcan::Adapter};
+use rustix::{
+    fs::{OFlags, fcntl_getfl, fcntl_setfl},
+    pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
+    termios::{OptionalActions, tcgetattr, tcsetattr},
+};
+
+use super::{Bridge, Error};
+
+pub(super) struct Terminal {
+    adapter: Adapter,
+    /// The adapter's end.
+    end: File,
+    /// The program's end, kept open so that programs may come and go.
+    _other: File,
+    name: String,
+    link: Option<PathBuf>,
+    frames: VecDeque<Frame>,
+    /// What the terminal had no room for.
+    waiting: VecDeque<u8>,
+}
+
+/// Most bytes that wait for a program to read. What comes then is lost, as behind an adapter.
+const WAITING: usize = 1 << 16;
+
+impl Terminal {
+    /// Makes a pseudo-terminal, and a link to it if one is wanted.
+    pub(super) fn open(link: Option<&Path>) -> Result<Self, Error> {
+        let (end, other, path) = pair().map_err(Error::Terminal)?;
+        if let Some(link) = link {
+            // The link of a run that was killed.
+            let dangling = link.is_symlink() && !link.exists();
+            let removed = if dangling {
+                fs::remove_file(link)
+            } else {
+                Ok(())
+            };
+            let linked = removed.and_then(|()| symlink(&path, link));
+            linked.map_err(|error| Error::Link {
+                link: link.into(),
+                error,
+            })?;
+        }
+        let name = link.map_or_else(|| path.clone(), |link| link.display().to_string());
+        Ok(Self {
+            adapter: Adapter::new(),
+            end,
+            _other: other,
+            name,
+            link: link.map(Path::to_owned),
+            frames: VecDeque::new(),
+            waiting: VecDeque::new(),
+        })
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Writes what fits, and the rest later: whole lines or nothing.
+    fn write(&mut self, line: &str) -> Result<(), Error> {
+        if self.waiting.len() + line.len() <= WAITING {
+            self.waiting.extend(line.bytes());
+        }
+        let bytes = self.waiting.make_contiguous();
+        match self.end.write(bytes) {
+            Ok(count) => {
+                self.waiting.drain(..count);
+                Ok(())
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(()),
+            Err(error) => Err(Error::Terminal(error)),
+        }
+    }
+}
+
+/// Both ends of a raw pseudo-terminal, the first one without waiting, and the path of the second.
+fn pair() -> io::Result<(File, File, String)> {
+    let end = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+    grantpt(&end)?;
+    unlockpt(&end)?;
+    let path = ptsname(&end, Vec::new())?;
+    let path = path.into_string().map_err(io::Error::other)?;
+    let other = OpenOptions::new().read(true).write(true).open(&path)?;
+    let mut settings = tcgetattr(&other)?;
+    settings.make_raw();
+    tcsetattr(&other, OptionalActions::Now, &settings)?;
+    fcntl_setfl(&end, fcntl_getfl(&end)? | OFlags::NONBLOCK)?;
+    Ok((File::from(end), other, path))
+}
+
+impl Bridge for Terminal {
+    fn give(&mut self, frame: &Frame, millis: u64) -> Result<(), Error> {
+        match self.adapter.received(frame, millis) {
+            Some(line) => self.write(&line),
+            None => Ok(()),
+        }
+    }
+
+    fn take(&mut self) -> Result<Option<Frame>, Error> {
+        let mut bytes = [0; 256];
+        let count = match self.end.read(&mut bytes) {
+            Ok(count) => count,
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => 0,
+            Err(error) => return Err(Error::Terminal(error)),
+        };
+        for byte in bytes.iter().take(count) {
+            let reaction = self.adapter.take(*byte);
+            self.frames.extend(reaction.frame);
+            self.write(reaction.answer)?;
+        }
+        Ok(self.frames.pop_front())
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        if let Some(link) = &self.link {
+            // A link that stays leads nowhere, and the next run replaces it.
+            let _ = fs::remove_file(link);
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! `cargo xtask sim --faults` in parts, interrupted and put together; `cargo xtask campaign`.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use xtask::Workspace;
+
+/// Six sequences of the vehicle that is simulated in the least time.
+const SEQUENCES: [&str; 7] = [
+    "sim",
+    "--vehicle",
+    "two-boards",
+    "--faults",
+    "6",
+    "--seed",
+    "40",
+];
+
+fn xtask(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    command
+        .args(arguments)
+        .current_dir(Workspace::find().unwrap().root());
+    command
+}
+
+fn done(command: &mut Command) -> Output {
+    command.output().unwrap()
+}
+
+fn sentence(output: &Output) -> String {
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    // Lines of cargo about the images may stand before it.
+    let last = said.lines().last().unwrap();
+    assert!(last.starts_with("error: "), "{said}");
+    last.to_owned()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn parts_and_an_interrupted_run_make_the_same_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let (parts, whole) = (folder.path().join("parts"), folder.path().join("whole"));
+    for shard in ["1/2", "2/2"] {
+        let out = ["--shard", shard, "--out", text(&parts)];
+        let output = done(xtask(&SEQUENCES).args(out));
+        assert!(output.status.success(), "{output:?}");
+    }
+    let (one, two) = (
+        parts.join("faults-1-of-2.json"),
+        parts.join("faults-2-of-2.json"),
+    );
+    let merged = folder.path().join("merged.json");
+    let merge = [
+        "campaign",
+        "merge",
+        text(&two),
+        text(&one),
+        "--out",
+        text(&merged),
+    ];
+    let output = done(&mut xtask(&merge));
+    assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("6 fault sequences"), "{said}");
+
+    assert_eq!(interrupted(&whole), fs::read_to_string(&merged).unwrap());
+
+    let said = sentence(&done(&mut xtask(&["campaign", "merge", text(&one)])));
+    assert!(said.contains("parts are missing: 2/2"), "{said}");
+    let manifest = ["campaign", "merge", "Cargo.toml"];
+    let said = sentence(&done(&mut xtask(&manifest)));
+    assert!(
+        said.starts_with("error: Cargo.toml is no part of a campaign"),
+        "{said}"
+    );
+}
+
+/// The report of a run that is killed and goes on.
+fn interrupted(whole: &Path) -> String {
+    let out = ["--out", text(whole)];
+    let mut run = xtask(&SEQUENCES);
+    let mut run = run
+        .args(out)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let journal = whole.join("faults.journal");
+    let begin = Instant::now();
+    while fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 2 {
+        assert!(
+            begin.elapsed() < Duration::from_secs(300),
+            "no sequence ends"
+        );
+        assert_eq!(run.try_wait().unwrap(), None, "too short to be interrupted");
+        thread::sleep(Duration::from_millis(20));
+    }
+    let said = sentence(&done(xtask(&SEQUENCES).args(out)));
+    assert!(said.contains("--resume goes on with it"), "{said}");
+    let said = sentence(&done(xtask(&SEQUENCES).args(out).arg("--resume")));
+    assert!(said.contains("another run writes it"), "{said}");
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let said = done(
+        xtask(&[
+            "sim",
+            "--vehicle",
+            "two-boards",
+            "--faults",
+            "7",
+            "--resume",
+        ])
+        .args(out),
+    );
+    assert!(sentence(&said).contains("another campaign"));
+
+    let output = done(xtask(&SEQUENCES).args(out).arg("--resume"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success() && said.contains("were done before"),
+        "{said}"
+    );
+    let report = fs::read_to_string(whole.join("faults.json")).unwrap();
+    assert!(!journal.exists());
+    let output = done(xtask(&SEQUENCES).args(out).arg("--resume"));
+    assert!(
+        String::from_utf8_lossy(&output.stderr).contains("is complete"),
+        "{output:?}"
+    );
+    report
+}
+
+/// The script for GNU parallel, if that is installed.
+#[test]
+fn gnu_parallel_runs_the_parts_and_collects_them() {
+    if Command::new("parallel").arg("--version").output().is_err() {
+        eprintln!("skipped: no GNU parallel runs the parts");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (script, dir) = (
+        folder.path().join("campaign.sh"),
+        folder.path().join("parts"),
+    );
+    let batch = [
+        "campaign",
+        "batch",
+        "--engine",
+        "parallel",
+        "--faults",
+        "3",
+        "--shards",
+        "3",
+        "--vehicle",
+        "two-boards",
+        "--dir",
+        text(&dir),
+        "--out",
+        text(&script),
+    ];
+    let output = done(&mut xtask(&batch));
+    assert!(output.status.success(), "{output:?}");
+    let root = Workspace::find().unwrap().root().to_owned();
+    let output = done(Command::new("sh").arg(&script).current_dir(root));
+    let said = String::from_utf8_lossy(&output.stdout);
+    let trouble = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said} {trouble}");
+    assert!(said.contains("3 fault sequences"), "{said}");
+    assert!(dir.join("faults.json").exists());
+}
