@@ -49,7 +49,7 @@ pub enum Command {
     /// Write a node's release image to a board with probe-rs and show the node's log.
     Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
-    Sim(Box<Sim>),
+    Sim(Sim),
     /// Put the parts of a campaign of random faults or attacks together, or let machines run them.
     #[command(subcommand)]
     Campaign(Campaign),
@@ -435,7 +435,8 @@ pub struct Sim {
     pub json: bool,
     /// Let gdb debug a node, forwards and backwards, at localhost:PORT [default: 3333]; the other nodes, bus and
     /// world stand still with it
-    #[arg(long, value_name = "NODE[:PORT]", conflicts_with_all = ["experiment", "faults", "json", "list"])]
+    #[arg(long, value_name = "NODE[:PORT]",
+        conflicts_with_all = ["experiment", "faults", "json", "list", "can", "real_time"])]
     pub gdb: Option<crate::sim::Place>,
     /// Run so far before gdb is let in: "12.5 s", frame:0x12C, frame:MESSAGE, mode:NAME or reset:NODE
     #[arg(long, value_name = "WHERE", requires = "gdb")]
@@ -880,6 +881,10 @@ pub enum Error {
 
 /// The request of a command line.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one in a run of the program"
+)]
 pub enum Request {
     /// Run a command.
     Run(Command),

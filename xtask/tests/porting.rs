@@ -583,7 +583,7 @@ fn simulation(line: &str, out: &Path) -> cli::Sim {
     let Ok(cli::Request::Run(cli::Command::Sim(options))) = cli::parse(words) else {
         panic!("not read");
     };
-    *options
+    options
 }
 
 /// The law of a robot between other rows drives them, with what the copy's manifest says.

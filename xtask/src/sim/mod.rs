@@ -243,16 +243,10 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     };
     let finished = match debugger {
         None => simulate(workspace, &vehicle, &scenario, wish)?,
-        Some(session) => {
-            let length = wish.length.unwrap_or_else(|| scenario.duration.span());
-            match session.run(workspace, &vehicle, &scenario, wish.seed, length)? {
-                Some(twin) => {
-                    let images = images(workspace, &vehicle)?;
-                    finish(&vehicle, &scenario, &images, wish, twin, None)?
-                }
-                None => return Ok(()),
-            }
-        }
+        Some(session) => match session.run(workspace, &vehicle, &scenario, &wish)? {
+            Some((twin, images)) => finish(&vehicle, &scenario, &images, twin, None, wish)?,
+            None => return Ok(()),
+        },
     };
     finished.warn();
     let run = finished.run();
@@ -472,6 +466,13 @@ pub(crate) struct Wish {
     pub live: Option<Live>,
 }
 
+impl Wish {
+    /// When the run ends.
+    fn end(&self, scenario: &Scenario) -> SimTime {
+        time::at(self.length.unwrap_or_else(|| scenario.duration.span()))
+    }
+}
+
 /// Builds the images and runs a scenario.
 ///
 /// # Errors
@@ -487,7 +488,7 @@ pub(crate) fn simulate<'s>(
     let images = images(workspace, vehicle)?;
     let twin = Twin::new(vehicle, scenario, wish.seed, &images).map_err(Error::from)?;
     let agreement = Agreement::new(&images);
-    finish(vehicle, scenario, &images, wish, twin, agreement)
+    finish(vehicle, scenario, &images, twin, agreement, wish)
 }
 
 /// Lets a vehicle run on to the end.
@@ -495,21 +496,21 @@ fn finish<'s>(
     vehicle: &'s Vehicle,
     scenario: &'s Scenario,
     images: &Images,
-    wish: Wish,
     mut twin: Twin,
     mut agreement: Option<Agreement>,
+    wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
+    let end = wish.end(scenario);
     let Wish {
         seed,
-        length,
         tasks: record_tasks,
         mut live,
+        ..
     } = wish;
     let matrix = Matrix::new(vehicle);
     let start = Instant::now();
     let mut display = Display::new();
     let mut recorder = Recorder::new(&mut twin, images, record_tasks);
-    let end = time::at(length.unwrap_or_else(|| scenario.duration.span()));
     let span = agreement::SPAN.as_ticks();
     while twin.now() < end {
         let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);

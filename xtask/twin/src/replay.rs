@@ -274,13 +274,17 @@ impl<C: Companion> Replay<C> {
         }
     }
 
-    /// Ends the debugger's part in the run. Returns the vehicle as it is now.
-    #[must_use]
-    pub fn into_twin(mut self) -> Twin {
+    /// Ends the debugger's part in the run. Returns the vehicle at the end of the present span.
+    ///
+    /// # Errors
+    /// As [`Twin::run_until`].
+    pub fn into_twin(mut self) -> Result<Twin, TwinError> {
         self.twin.node_mut(self.node).detach_probe();
+        let end = self.span_end();
+        self.twin.run_until(end)?;
         self.records.truncate(self.recorded);
         self.twin.restore_records(self.records);
-        self.twin
+        Ok(self.twin)
     }
 
     /// The last stop between a mark and a place, but not behind a time, as [`Replay::backwards`] reports it.

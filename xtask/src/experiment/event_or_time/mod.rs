@@ -431,7 +431,7 @@ mod tests {
         let line = format!("xtask sim --vehicle row-follower --experiment {NAME}{more}");
         let words = line.split(' ').map(std::ffi::OsString::from);
         match parse(words) {
-            Ok(Request::Run(Command::Sim(options))) => *options,
+            Ok(Request::Run(Command::Sim(options))) => options,
             other => panic!("not read: {other:?}"),
         }
     }

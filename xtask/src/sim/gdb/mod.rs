@@ -15,7 +15,6 @@ use std::{
     str::FromStr,
 };
 
-use campaign::agreement::SPAN;
 use gdbstub::{
     common::Signal,
     stub::{
@@ -24,13 +23,13 @@ use gdbstub::{
     },
 };
 use twin::{
-    Twin,
+    Images, Twin,
     replay::{Halt, Replay},
 };
 use vehicle_model::{NodeIndex, Vehicle};
-use world::{Scenario, SimDuration, time};
+use world::{Scenario, time};
 
-use super::Error;
+use super::{Error, Wish, recording::STEP};
 use crate::{Failure, Workspace, build, progress::Display, vehicle};
 use journal::Journal;
 use machine::{Machine, Reason};
@@ -121,16 +120,15 @@ impl Session {
         workspace: &Workspace,
         vehicle: &Vehicle,
         scenario: &Scenario,
-        seed: u64,
-        length: SimDuration,
-    ) -> Result<Option<Twin>, Failure> {
+        wish: &Wish,
+    ) -> Result<Option<(Twin, Images)>, Failure> {
         let nodes: Vec<_> = vehicle.nodes().collect();
         let files = build::images(workspace, vehicle, &nodes)?;
         let images = build::read(&files)?;
-        let twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
+        let twin = Twin::new(vehicle, scenario, wish.seed, &images).map_err(Error::from)?;
         let journal = Journal::new(self.node, images.of(self.node));
-        let end = time::at(length);
-        let replay = Replay::new(twin, journal, self.node, end, SPAN).map_err(Error::from)?;
+        let replay =
+            Replay::new(twin, journal, self.node, wish.end(scenario), STEP).map_err(Error::from)?;
         let mut machine = Machine::new(replay, vehicle, self.node);
         if let Some(until) = self.until {
             approach(&mut machine, until);
@@ -148,7 +146,8 @@ impl Session {
             match serve(&mut machine, stream) {
                 Ok(End::Detached) => {
                     eprintln!("gdb has let the node go: the run goes on.");
-                    return Ok(Some(machine.replay.into_twin()));
+                    let twin = machine.replay.into_twin().map_err(Error::from)?;
+                    return Ok(Some((twin, images)));
                 }
                 Ok(End::Killed) => {
                     eprintln!("gdb has ended the run.");

@@ -12,7 +12,7 @@ use super::{Error, live::Live};
 use crate::log::Log;
 
 /// How often the logs are fetched. A program's buffer for its log holds several lines.
-const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
+pub(super) const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
 
 /// A line of a node's log.
 #[derive(Clone, Debug, PartialEq, Eq)]
