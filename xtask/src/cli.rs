@@ -417,9 +417,12 @@ pub struct Sim {
     /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
     #[arg(long, requires_all = ["faults", "out"])]
     pub resume: bool,
-    /// Run at the pace of real time, or at SPEED times that
-    #[arg(long, value_name = "SPEED", num_args = 0..=1, default_missing_value = "1", value_parser = speed,
-        allow_hyphen_values = true, conflicts_with_all = ["faults", "experiment", "list"])]
+    /// Exit with 0 if the fault sequences were run, even if one broke a rule: `campaign merge` judges them
+    #[arg(long, requires = "shard")]
+    pub collect: bool,
+    /// Run at the pace of real time, or with =SPEED at so many times that
+    #[arg(long, value_name = "SPEED", num_args = 0..=1, require_equals = true, default_missing_value = "1",
+        value_parser = speed, conflicts_with_all = ["faults", "experiment", "list"])]
     pub real_time: Option<f64>,
     /// Let other programs join the virtual bus, at the pace of real time: slcan, slcan:LINK or
     /// socketcan:INTERFACE

@@ -12,7 +12,7 @@ use std::{
 };
 
 use can_bus::Frame;
-use embedded_can::Id;
+use embedded_can::{Id, StandardId};
 use xtask::{
     Workspace,
     selftest::{Port, Slcan, Transport},
@@ -60,6 +60,9 @@ fn another_program_hears_the_bus_and_sends() {
     assert!(heard[&100] > 40 && heard[&200] > 40, "{heard:?}");
     let own = Frame::standard(0x7A0, &[1, 2, 3]).unwrap();
     adapter.send(&own).unwrap();
+    // Asks for the command: no data, and no signals that nobody sent.
+    let remote = StandardId::new(300).and_then(|id| Frame::from_parts(id.into(), true, 8, &[]));
+    adapter.send(&remote.unwrap()).unwrap();
     let second = Command::new(env!("CARGO_BIN_EXE_xtask"))
         .args(["sim", "--vehicle", "two-boards", "--can"])
         .arg(format!("slcan:{}", link.display()))
@@ -75,7 +78,44 @@ fn another_program_hears_the_bus_and_sends() {
     assert!(said.contains("The virtual bus is at "), "{said}");
     let log = fs::read_to_string(folder.path().join("run/bus.log")).unwrap();
     assert!(log.contains(" can0 7A0#010203"), "{said}");
+    assert!(log.contains(" can0 12C#R8"), "{said}");
+    let mcap = fs::read(folder.path().join("run/run.mcap")).unwrap();
+    let (mut commands, mut frames) = (0, 0);
+    for message in mcap::MessageStream::new(&mcap).unwrap() {
+        let message = message.unwrap();
+        commands += usize::from(message.channel.topic == "/signals/Command");
+        let text = String::from_utf8_lossy(&message.data).into_owned();
+        let is_data = text.contains("\"id\":300") && text.contains("\"remote\":false");
+        frames += usize::from(message.channel.topic == "/bus/frames" && is_data);
+    }
+    assert_eq!(commands, frames);
+    assert_eq!(frames, log.matches(" can0 12C#").count() - 1);
     assert!(!link.is_symlink(), "the link is removed");
+}
+
+/// Ctrl-C takes the link away, and the next run gets it even if the last one was killed.
+#[test]
+fn a_link_is_left_by_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("bus");
+    for (signal, left) in [("INT", false), ("KILL", true), ("TERM", false)] {
+        let mut run = run(folder.path(), "60");
+        let begin = Instant::now();
+        // Of a killed run the old link is there at first.
+        while !link.exists() {
+            assert_eq!(run.try_wait().unwrap(), None, "{signal}");
+            assert!(
+                begin.elapsed() < Duration::from_secs(60),
+                "{signal}: no link"
+            );
+            thread::sleep(Duration::from_millis(20));
+        }
+        let pid = run.id().to_string();
+        let kill = Command::new("kill").args(["-s", signal, &pid]).status();
+        assert!(kill.unwrap().success());
+        run.wait().unwrap();
+        assert_eq!(link.is_symlink(), left, "{signal}");
+    }
 }
 
 /// `python-can` of PyPI, if it is installed with `pyserial`.

@@ -1,6 +1,12 @@
 //! `cargo xtask monitor`: what it says of nodes that behave, that fall silent and that do not behave.
 
-use std::{fs, path::PathBuf, process::Command, time::Duration};
+use std::{
+    fs,
+    path::PathBuf,
+    process::{Command, Stdio},
+    thread,
+    time::Duration,
+};
 
 use can_bus::{Frame, candump::Line};
 use xtask::{
@@ -94,6 +100,39 @@ fn nodes_that_do_not_behave_are_named() {
     }
     let picture = watch.picture(Duration::from_millis(10_800));
     assert_eq!(class(&picture, "controller"), Class::Babbling);
+}
+
+/// Ctrl-C ends the watch, and what was seen is printed.
+#[cfg(unix)]
+#[test]
+fn a_watch_that_is_ended_prints_what_it_saw() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = folder.path().join("bus.log");
+    let run = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args([
+            "monitor",
+            "twin",
+            "--vehicle",
+            "two-boards",
+            "--json",
+            "--record",
+        ])
+        .arg(&record)
+        .current_dir(root())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while fs::read_to_string(&record).map_or(0, |text| text.lines().count()) < 10 {
+        thread::sleep(Duration::from_millis(20));
+    }
+    let pid = run.id().to_string();
+    let kill = Command::new("kill").args(["-s", "INT", &pid]).status();
+    assert!(kill.unwrap().success());
+    let done = run.wait_with_output().unwrap();
+    assert!(done.status.success(), "{done:?}");
+    let picture: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(picture["frames"].as_u64().unwrap() >= 10);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 //! The first line names the campaign and the part; each further one is the verdict of a sequence. A last
 //! line that was cut off is dropped.
 
+use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -18,6 +19,14 @@ use crate::report::{Campaign, Verdict};
 struct Heading {
     campaign: Campaign,
     shard: Shard,
+}
+
+impl Heading {
+    /// Whether the part has the sequence of this seed.
+    fn has(&self, seed: u64) -> bool {
+        let number = seed.wrapping_sub(self.campaign.seed);
+        number < self.campaign.sequences && number % self.shard.of == self.shard.index - 1
+    }
 }
 
 /// A further line.
@@ -42,6 +51,15 @@ pub enum JournalError {
     /// It is that of another campaign.
     #[error("it is the journal of another campaign, or of other images")]
     Other,
+    /// It is a device, a pipe or a folder.
+    #[error("it is no regular file")]
+    NoFile,
+    /// A sequence is there twice, or is none of this part.
+    #[error("line {line} has a sequence that is there already, or is none of this part")]
+    Stray {
+        /// Its number.
+        line: usize,
+    },
     /// Another process writes it.
     #[error("another run writes it")]
     InUse,
@@ -63,6 +81,9 @@ impl Journal {
         campaign: &Campaign,
         shard: Shard,
     ) -> Result<(Self, Vec<Verdict>), JournalError> {
+        if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            return Err(JournalError::NoFile);
+        }
         let mut options = OpenOptions::new();
         let mut file = options
             .read(true)
@@ -111,14 +132,22 @@ impl Journal {
 /// The verdicts in a journal, and the length of its whole lines.
 fn read(file: &mut File, heading: &Heading) -> Result<(Vec<Verdict>, u64), JournalError> {
     let mut lines = BufReader::new(file);
-    let mut done = Vec::new();
+    let mut done: Vec<Verdict> = Vec::new();
+    let mut seeds = BTreeSet::new();
     let mut length = 0;
     for line in 1.. {
         let mut text = Vec::new();
         lines.read_until(b'\n', &mut text)?;
-        if text.pop() != Some(b'\n') {
+        if text.last() != Some(&b'\n') {
+            // A heading that was cut off begins as all do; anything else is somebody's file.
+            let begin = b"{\"campaign\":";
+            let known = text.iter().zip(begin).all(|(one, other)| one == other);
+            if line == 1 && !known {
+                return Err(JournalError::Line { line });
+            }
             break;
         }
+        text.pop();
         if line == 1 {
             let found: Heading =
                 serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
@@ -128,6 +157,10 @@ fn read(file: &mut File, heading: &Heading) -> Result<(Vec<Verdict>, u64), Journ
         } else {
             let entry: Entry =
                 serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
+            let seed = entry.verdict.seed;
+            if !heading.has(seed) || !seeds.insert(seed) {
+                return Err(JournalError::Stray { line });
+            }
             done.push(Verdict {
                 tally: entry.tally,
                 ..entry.verdict
@@ -190,6 +223,30 @@ mod tests {
     }
 
     #[test]
+    fn a_sequence_counts_once_and_only_in_its_part() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("faults.journal");
+        let half = Shard { index: 1, of: 2 };
+        for (shard, seeds, line) in [
+            (Shard::default(), [2, 2], 3),
+            (Shard::default(), [2, 5], 3),
+            (half, [1, 2], 3),
+        ] {
+            let _ = std::fs::remove_file(&path);
+            let (mut journal, _) = Journal::open(&path, &campaign(1), shard).unwrap();
+            for seed in seeds {
+                journal.add(&verdict(seed)).unwrap();
+            }
+            drop(journal);
+            let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
+            assert!(
+                matches!(error, JournalError::Stray { line: at } if at == line),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
     fn a_foreign_file_is_refused_and_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("faults.journal");
@@ -199,6 +256,14 @@ mod tests {
         let error = Journal::open(&path, &campaign(2), shard).unwrap_err();
         assert!(matches!(error, JournalError::Other), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), kept);
+        for foreign in ["hello", "something\nelse\n"] {
+            std::fs::write(&path, foreign).unwrap();
+            let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
+            assert_eq!(error.to_string(), "line 1 is none of a journal");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), foreign);
+        }
+        let error = Journal::open(folder.path(), &campaign(1), shard).unwrap_err();
+        assert!(matches!(error, JournalError::NoFile), "{error}");
         std::fs::write(&path, "something\nelse\n").unwrap();
         let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
         assert_eq!(error.to_string(), "line 1 is none of a journal");

@@ -18,6 +18,12 @@ pub(super) fn text(options: &Batch) -> Result<String, Error> {
         });
     }
     checked(options)?;
+    let on_kubernetes = options.engine == Engine::Kubernetes;
+    if on_kubernetes && (!options.dir.starts_with('/') || options.dir.contains(':')) {
+        return Err(Error::Relative {
+            dir: options.dir.clone(),
+        });
+    }
     let job = Job::new(options);
     Ok(match options.engine {
         Engine::Parallel => job.parallel(),
@@ -31,8 +37,10 @@ pub(super) fn text(options: &Batch) -> Result<String, Error> {
 
 /// Refuses texts that a shell or YAML would not take as one word.
 fn checked(options: &Batch) -> Result<(), Error> {
-    let sets = options.changes.set.iter().map(ToString::to_string);
-    let mut texts: Vec<(&'static str, String)> = sets.map(|set| ("--set", set)).collect();
+    // A value with its unit has a blank; it is quoted.
+    let sets = options.changes.set.iter();
+    let sets = sets.map(|set| ("--set", set.to_string().replace(' ', "")));
+    let mut texts: Vec<(&'static str, String)> = sets.collect();
     texts.push(("--dir", options.dir.clone()));
     texts.extend(options.image.iter().map(|text| ("--image", text.clone())));
     texts.extend(options.claim.iter().map(|text| ("--claim", text.clone())));
@@ -60,7 +68,7 @@ impl Job {
     fn new(options: &Batch) -> Self {
         let mut images = format!(" --vehicle {}", options.vehicle);
         for set in &options.changes.set {
-            images += &format!(" --set {set}");
+            images += &format!(" --set \"{set}\"");
         }
         if let Some(bus) = options.changes.bus {
             images += &format!(" --bus {}", bus.name());
@@ -82,8 +90,8 @@ impl Job {
         }
     }
 
-    /// The part whose number a shell has in a variable, or in the braces of GNU parallel. Exit code 1
-    /// with a result is one with broken rules, which the whole shows; all else is tried again.
+    /// The part whose number a shell has in a variable, or in the braces of GNU parallel. It fails only
+    /// if it could not be run: the whole judges what it has found.
     fn part(&self, index: &str) -> String {
         let Self {
             images,
@@ -93,8 +101,8 @@ impl Job {
             ..
         } = self;
         format!(
-            "cargo xtask sim{sequences}{images} --shard {index}/{shards} --out {dir} --resume > \
-             {dir}/part-{index}.txt 2>&1 || test -e {dir}/faults-{index}-of-{shards}.json"
+            "cargo xtask sim{sequences}{images} --shard {index}/{shards} --out {dir} --resume --collect > \
+             {dir}/part-{index}.txt 2>&1"
         )
     }
 
@@ -140,6 +148,7 @@ impl Job {
              #   mkdir -p {dir}\n\
              #   job=$(sbatch --parsable FILE)\n\
              #   sbatch --dependency=afterok:$job --wrap '{collect}'\n\
+             # The cluster's MaxArraySize (1001 if nobody has set it) must be above {shards}.\n\
              #SBATCH --job-name=furrow\n\
              #SBATCH --array=1-{shards}\n\
              #SBATCH --cpus-per-task=2\n\
@@ -197,12 +206,15 @@ impl Job {
         let parts = format!("i=$((JOB_COMPLETION_INDEX + 1)); {part}");
         format!(
             "# {about}. The image has this workspace as its working directory, and Rust.\n\
-             #   kubectl apply -f FILE -l step=parts; kubectl wait --for=condition=complete --timeout=-1s \
-             job/furrow-parts\n\
-             #   kubectl apply -f FILE -l step=merge; kubectl logs -f job/furrow-merge\n\
+             #   kubectl apply -f FILE -l step=parts; kubectl get job furrow-parts -w   until Complete or Failed\n\
+             #   kubectl apply -f FILE -l step=merge; kubectl logs -f job/furrow-merge   fails if a rule was broken\n\
              {}---\n{}",
             job("furrow-parts\n  labels:\n    step: parts", &index, &parts),
-            job("furrow-merge\n  labels:\n    step: merge", "", &collect),
+            job(
+                "furrow-merge\n  labels:\n    step: merge",
+                "  backoffLimit: 0\n",
+                &collect
+            ),
         )
     }
 }
@@ -246,6 +258,9 @@ mod tests {
         assert!(matches!(text(&kubernetes), Err(Error::NoImage)));
         kubernetes.image = Some("lab/furrow:1".into());
         kubernetes.claim = Some("results".into());
+        kubernetes.dir = "results".into();
+        assert!(matches!(text(&kubernetes), Err(Error::Relative { .. })));
+        kubernetes.dir = "/results".into();
         let jobs = text(&kubernetes).unwrap();
         assert!(jobs.contains("completions: 8\n"), "{jobs}");
         assert!(jobs.contains("i=$((JOB_COMPLETION_INDEX + 1)); "), "{jobs}");

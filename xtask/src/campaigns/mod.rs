@@ -12,7 +12,7 @@ use ::campaign::{MergeError, Report, merge};
 use crate::{
     Failure, Workspace,
     cli::{Batch, Campaign, Merge},
-    file, vehicle,
+    file, sim, vehicle,
 };
 
 /// Why the command fails.
@@ -44,6 +44,20 @@ pub enum Error {
         "--engine kubernetes needs --image, the container with this checkout and Rust, and --claim, the volume claim for the results"
     )]
     NoImage,
+    /// Where the volume is mounted must be the same place everywhere.
+    #[error(
+        "--dir {dir}: Kubernetes mounts the results there, so an absolute path without a colon is accepted"
+    )]
+    Relative {
+        /// The folder.
+        dir: String,
+    },
+    /// The report would replace a part.
+    #[error("--out {} is one of the parts: name another file", path.display())]
+    Part {
+        /// The file.
+        path: PathBuf,
+    },
     /// A text that would end its place in the file.
     #[error(
         "{option}: {text:?} has other characters than letters, digits and -_./:=@+, which would end its place in the file"
@@ -69,6 +83,19 @@ pub fn run(workspace: &Workspace, options: &Campaign) -> Result<(), Failure> {
 }
 
 fn merge_files(options: &Merge) -> Result<(), Failure> {
+    let canonical = |path: &Path| path.canonicalize().ok();
+    let out = options
+        .out
+        .as_deref()
+        .filter(|out| canonical(out).is_some());
+    if let Some(out) = out
+        && options
+            .files
+            .iter()
+            .any(|part| canonical(part) == canonical(out))
+    {
+        return Err(Error::Part { path: out.into() }.into());
+    }
     let mut parts = Vec::new();
     for path in &options.files {
         parts.push((path.display().to_string(), part(path)?));
@@ -111,7 +138,8 @@ fn part(path: &Path) -> Result<Report, Error> {
 
 fn write_batch(workspace: &Workspace, options: &Batch) -> Result<(), Failure> {
     // A vehicle that is not there would be found on all machines at once.
-    vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+    sim::check_campaign(&vehicle, options.attacker)?;
     let text = batch::text(options)?;
     match &options.out {
         Some(path) => {

@@ -3,9 +3,9 @@
 mod watch;
 
 use std::{
-    fs::File,
+    fs::{self, File},
     io::{IsTerminal, Write},
-    path::Path,
+    path::{Path, PathBuf},
     time::Duration,
 };
 
@@ -14,12 +14,16 @@ use can_bus::{SimTime, candump};
 use crate::{
     Failure, Workspace,
     cli::Monitor,
+    interrupt,
     selftest::{self, Received, TransportError},
 };
 pub use watch::{Class, NodeState, Picture, Watch, WindowState};
 
 /// How often the picture is renewed.
 const RENEWED: Duration = Duration::from_secs(1);
+
+/// How soon an end by Ctrl-C is noticed.
+const HEARD: Duration = Duration::from_millis(100);
 
 /// Why the command fails.
 #[derive(Debug, thiserror::Error)]
@@ -70,7 +74,7 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
     let name = options.vehicle.as_deref();
     let vehicle = selftest::of_bus(workspace, name, &options.bus, &options.set)?;
     let mut record = match &options.record {
-        Some(file) => Some(Record::create(file)?),
+        Some(file) => Some(Record::at(file)?),
         None => None,
     };
     let bit_rate = vehicle.network().bit_rate;
@@ -80,8 +84,10 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
     let mut watch = Watch::new(&vehicle);
     let mut screen = Screen::new(options.json);
     let mut next = begin + RENEWED;
-    while end.is_none_or(|end| transport.now() < end) {
-        let until = end.map_or(next, |end| end.min(next));
+    interrupt::end_by_itself();
+    while end.is_none_or(|end| transport.now() < end) && !interrupt::asked() {
+        let soon = next.min(transport.now() + HEARD);
+        let until = end.map_or(soon, |end| end.min(soon));
         if let Some(received) = transport.receive(until).map_err(Error::from)? {
             watch.take(received.at - begin.min(received.at), &received.frame);
             if let Some(record) = &mut record {
@@ -152,16 +158,27 @@ impl Screen {
 
 /// The frames in a file, in the format of `candump -l`.
 struct Record {
-    file: File,
-    name: String,
+    /// `None` until a frame comes.
+    file: Option<File>,
+    path: PathBuf,
 }
 
 impl Record {
-    fn create(path: &Path) -> Result<Self, Error> {
-        let name = path.display().to_string();
-        match File::create_new(path) {
-            Ok(file) => Ok(Self { file, name }),
-            Err(error) => Err(Error::Record { file: name, error }),
+    fn at(path: &Path) -> Result<Self, Error> {
+        let record = Self {
+            file: None,
+            path: path.to_owned(),
+        };
+        // What cannot be written is found out before the bus is opened.
+        let made = File::create_new(path).and_then(|_| fs::remove_file(path));
+        made.map_err(|error| record.failed(error))?;
+        Ok(record)
+    }
+
+    fn failed(&self, error: std::io::Error) -> Error {
+        Error::Record {
+            file: self.path.display().to_string(),
+            error,
         }
     }
 
@@ -173,10 +190,16 @@ impl Record {
             interface: "can0".into(),
             frame: received.frame,
         };
-        let written = self.file.write_all(format!("{line}\n").as_bytes());
-        written.map_err(|error| Error::Record {
-            file: self.name.clone(),
-            error,
-        })
+        let write = || {
+            if self.file.is_none() {
+                self.file = Some(File::create_new(&self.path)?);
+            }
+            let line = format!("{line}\n");
+            self.file
+                .iter_mut()
+                .try_for_each(|file| file.write_all(line.as_bytes()))
+        };
+        let written: std::io::Result<()> = { write }();
+        written.map_err(|error| self.failed(error))
     }
 }

@@ -1,6 +1,9 @@
 //! The frames of a run, in the forms that the report and other tools read.
 
-use std::{collections::BTreeMap, fmt::Write};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write,
+};
 
 use can_bus::candump::{ErrorLine, Line};
 use can_bus::{ErrorKind, Frame, NodeId, Record, RecordKind, SimDuration, SimTime};
@@ -17,6 +20,8 @@ pub(crate) struct Log {
     pub frames: Vec<FrameRecord>,
     /// Who sent each of them.
     pub senders: Vec<NodeId>,
+    /// Which of them are remote frames, by their place.
+    pub remote: BTreeSet<usize>,
     /// The error frames, in order of time: what was found first.
     pub errors: Vec<ErrorLine>,
     lines: Vec<Line>,
@@ -32,10 +37,11 @@ impl Log {
         let mut log = Self {
             frames: Vec::new(),
             senders: Vec::new(),
+            remote: BTreeSet::new(),
             errors: Vec::new(),
             lines: Vec::new(),
         };
-        let mut sent: Vec<(FrameRecord, NodeId)> = Vec::new();
+        let mut sent: Vec<(FrameRecord, (NodeId, bool))> = Vec::new();
         // Starts of frame that have not ended yet, by sender.
         let mut begun: BTreeMap<NodeId, SimTime> = BTreeMap::new();
         for record in records {
@@ -49,7 +55,8 @@ impl Log {
                 RecordKind::FrameEnd { frame, start, .. } => {
                     begun.remove(&record.node);
                     let frame_record = recorded(frame, start, record.at, true);
-                    sent.extend(frame_record.map(|frame| (frame, record.node)));
+                    let origin = (record.node, frame.is_remote());
+                    sent.extend(frame_record.map(|frame| (frame, origin)));
                     log.lines.push(Line {
                         at: record.at,
                         interface: "can0".into(),
@@ -66,14 +73,22 @@ impl Log {
                     {
                         let end = record.at + bit_time * ERROR_FRAME_BITS;
                         let frame_record = recorded(frame, start, end, false);
-                        sent.extend(frame_record.map(|frame| (frame, record.node)));
+                        let origin = (record.node, frame.is_remote());
+                        sent.extend(frame_record.map(|frame| (frame, origin)));
                     }
                 }
                 RecordKind::StateChange { .. } => {}
             }
         }
         sent.sort_by_key(|(frame, _)| frame.start);
-        (log.frames, log.senders) = sent.into_iter().unzip();
+        let remote = sent
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, (_, remote)))| *remote);
+        log.remote = remote.map(|(place, _)| place).collect();
+        let origins: Vec<(NodeId, bool)>;
+        (log.frames, origins) = sent.into_iter().unzip();
+        log.senders = origins.into_iter().map(|(node, _)| node).collect();
         log
     }
 

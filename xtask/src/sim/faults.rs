@@ -56,7 +56,11 @@ pub(super) fn run(
         )?,
         None => judged(vehicle, &images, &campaign, Vec::new(), |_| {})?,
     };
-    campaigns::show(&report, options.json)
+    match campaigns::show(&report, options.json) {
+        // The whole judges what its parts have found.
+        Err(Failure::Shown) if options.collect => Ok(()),
+        shown => shown,
+    }
 }
 
 /// Runs a part whose journal and report are kept in files.
@@ -68,7 +72,7 @@ fn kept(
     campaign: &Options,
     resume: bool,
 ) -> Result<Report, Failure> {
-    if let Some(report) = place.finished(identity, campaign.shard).filter(|_| resume) {
+    if resume && let Some(report) = place.finished(identity, campaign.shard)? {
         eprintln!("{} is complete.", place.report.display());
         return Ok(report);
     }
@@ -82,11 +86,15 @@ fn kept(
             unwritten.get_or_insert(error);
         }
     })?;
-    match unwritten {
-        None => place.finish(&report)?,
-        Some(error) => return Err(place.broken(&JournalError::File(error))),
+    let kept = match unwritten {
+        None => place.finish(&report),
+        Some(error) => Err(place.broken(&JournalError::File(error))),
+    };
+    if kept.is_err() {
+        // What took hours is not lost for want of a file.
+        print!("{report}");
     }
-    Ok(report)
+    kept.map(|()| report)
 }
 
 /// The files of a part of a campaign.
@@ -127,13 +135,22 @@ impl Place {
         Ok(())
     }
 
-    /// The report, if there is one of this part and nothing is left to do.
-    fn finished(&self, campaign: &Campaign, shard: Shard) -> Option<Report> {
-        let text = fs::read(&self.report)
-            .ok()
-            .filter(|_| !self.journal.exists())?;
-        let report: Report = serde_json::from_slice(&text).ok()?;
-        (report.campaign == *campaign && report.shard == shard).then_some(report)
+    /// The report, if there is one and nothing is left to do.
+    ///
+    /// # Errors
+    /// It is that of another campaign.
+    fn finished(&self, campaign: &Campaign, shard: Shard) -> Result<Option<Report>, Failure> {
+        let Ok(text) = fs::read(&self.report) else {
+            return Ok(None);
+        };
+        match serde_json::from_slice::<Report>(&text) {
+            _ if self.journal.exists() => Ok(None),
+            Ok(report) if report.campaign == *campaign && report.shard == shard => Ok(Some(report)),
+            _ => Err(Failure::Usage(format!(
+                "{} is the report of another campaign, or of other images: name another folder, or delete the file",
+                self.report.display()
+            ))),
+        }
     }
 
     fn journal(

@@ -203,12 +203,7 @@ pub enum SourceError {
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     if let Some(sequences) = options.faults {
-        if options.attacker {
-            attackable(&vehicle)?;
-        }
-        if vehicle.is_event_triggered() {
-            return Err(Error::NoRules.into());
-        }
+        check_campaign(&vehicle, options.attacker)?;
         return faults::run(workspace, &vehicle, options, sequences);
     }
     // Wrong input is reported before a build that takes time.
@@ -297,6 +292,20 @@ fn unexpected(summary: &Summary) -> Result<(), Error> {
             first: first.to_string(),
         })
     })
+}
+
+/// Checks that the rules of random faults or attacks fit a vehicle.
+///
+/// # Errors
+/// They do not.
+pub(crate) fn check_campaign(vehicle: &Vehicle, attacker: bool) -> Result<(), Error> {
+    if attacker {
+        attackable(vehicle)?;
+    }
+    if vehicle.is_event_triggered() {
+        return Err(Error::NoRules);
+    }
+    Ok(())
 }
 
 /// Checks that the nodes of a vehicle can have a key, and that it is known what moves its motors.
@@ -602,6 +611,7 @@ impl Finished<'_> {
         summary: &Summary,
         mut folder: OutputFolder,
     ) -> Result<(Vec<String>, PathBuf), Error> {
+        folder.replace_older(recording::files::is_of_run);
         let states = recording::files::states(self);
         let mut names = vec!["bus.log".to_owned()];
         folder.write("bus.log", self.log.candump().as_bytes())?;

@@ -804,6 +804,21 @@ fn of_two_runs_into_one_folder_the_second_is_refused() {
     assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
 }
 
+#[test]
+fn what_an_older_run_has_left_goes_away_with_it() {
+    let parent = tempfile::tempdir().unwrap();
+    for name in ["a.txt", "log-one.txt", "mine.txt"] {
+        std::fs::write(parent.path().join(name), b"old").unwrap();
+    }
+    let mut folder = OutputFolder::create(parent.path()).unwrap();
+    folder.replace_older(|name| name == "a.txt" || name.starts_with("log-"));
+    folder.write("a.txt", b"new").unwrap();
+    folder.finish().unwrap();
+    assert_eq!(std::fs::read(parent.path().join("a.txt")).unwrap(), b"new");
+    assert!(!parent.path().join("log-one.txt").exists());
+    assert!(parent.path().join("mine.txt").exists());
+}
+
 #[cfg(unix)]
 #[test]
 fn what_is_no_file_is_not_replaced() {

@@ -4,8 +4,9 @@ use std::{
     collections::VecDeque,
     fs::{self, File, OpenOptions},
     io::{self, Read, Write},
-    os::unix::fs::symlink,
+    os::{fd::AsRawFd, unix::fs::symlink},
     path::{Path, PathBuf},
+    process,
 };
 
 use can_bus::{Frame, slcan::Adapter};
@@ -16,6 +17,7 @@ use rustix::{
 };
 
 use super::{Bridge, Error};
+use crate::interrupt;
 
 pub(super) struct Terminal {
     adapter: Adapter,
@@ -36,20 +38,18 @@ const WAITING: usize = 1 << 16;
 impl Terminal {
     /// Makes a pseudo-terminal, and a link to it if one is wanted.
     pub(super) fn open(link: Option<&Path>) -> Result<Self, Error> {
+        // Before there is a new terminal, which may get the name of the old one.
+        if let Some(link) = link {
+            remove_dead(link);
+        }
         let (end, other, path) = pair().map_err(Error::Terminal)?;
         if let Some(link) = link {
-            // The link of a run that was killed.
-            let dangling = link.is_symlink() && !link.exists();
-            let removed = if dangling {
-                fs::remove_file(link)
-            } else {
-                Ok(())
-            };
-            let linked = removed.and_then(|()| symlink(&path, link));
+            let linked = symlink(way(&other, &path), link);
             linked.map_err(|error| Error::Link {
                 link: link.into(),
                 error,
             })?;
+            interrupt::remove_when_interrupted(link);
         }
         let name = link.map_or_else(|| path.clone(), |link| link.display().to_string());
         Ok(Self {
@@ -81,6 +81,23 @@ impl Terminal {
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(()),
             Err(error) => Err(Error::Terminal(error)),
         }
+    }
+}
+
+/// What a link leads to: on Linux the terminal by way of this process, so that the link of a killed run
+/// leads nowhere, and not to the next terminal of that name.
+fn way(other: &File, path: &str) -> PathBuf {
+    let own = PathBuf::from(format!("/proc/{}/fd/{}", process::id(), other.as_raw_fd()));
+    if own.exists() { own } else { path.into() }
+}
+
+/// Removes the link of a run that was killed: one to a terminal that is gone.
+fn remove_dead(link: &Path) {
+    let target = fs::read_link(link).unwrap_or_default();
+    let is_own = target.starts_with("/proc") || target.starts_with("/dev/pts");
+    if is_own && !link.exists() {
+        // If this fails, the new link cannot be made, in a sentence.
+        let _ = fs::remove_file(link);
     }
 }
 
@@ -126,6 +143,7 @@ impl Bridge for Terminal {
 impl Drop for Terminal {
     fn drop(&mut self) {
         if let Some(link) = &self.link {
+            interrupt::keep(link);
             // A link that stays leads nowhere, and the next run replaces it.
             let _ = fs::remove_file(link);
         }

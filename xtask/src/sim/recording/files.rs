@@ -3,11 +3,15 @@
 use std::fmt::Write;
 
 use twin::NodeOutcome;
-use world::report::{Column, Table};
+use vehicle_model::Vehicle;
+use world::report::{Cell, Column, Table};
 use world::{ScreenChange, SimTime, time::seconds};
 
 use super::super::Finished;
-use crate::analyse::{decode::Decoder, guidance::Guidance};
+use crate::analyse::{
+    decode::Decoder,
+    guidance::{Guidance, Position},
+};
 
 /// A line of a console.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -59,6 +63,19 @@ fn display(screens: &[ScreenChange]) -> String {
         }
     }
     text
+}
+
+/// Whether a file of that name is one of a run.
+pub(crate) fn is_of_run(name: &str) -> bool {
+    let text = |begin: &str| name.starts_with(begin) && name.ends_with(".txt");
+    let names = [
+        "display.txt",
+        "motors.csv",
+        "states.csv",
+        "track.svg",
+        "row.svg",
+    ];
+    names.contains(&name) || text("console-") || text("log-")
 }
 
 /// A measurement that is older than this is not shown beside the truth, s.
@@ -121,10 +138,11 @@ pub(crate) fn states(finished: &Finished<'_>) -> Option<Table> {
             guidance.take(seconds(frame.end), frame.id, &frame.data);
         }
     }
-    let measured = |value: fn(&crate::analyse::guidance::Position) -> f64| -> Vec<(f64, f64)> {
+    let measured = |value: fn(&Position) -> f64| -> Vec<(f64, f64)> {
         let positions = guidance.positions.iter();
         positions.map(|one| (one.at, value(one))).collect()
     };
+    let errors = errors(&table, &guidance.positions, vehicle);
     if !guidance.positions.is_empty() {
         let columns = [
             (
@@ -139,8 +157,8 @@ pub(crate) fn states(finished: &Finished<'_>) -> Option<Table> {
             ),
             (
                 "measured_cross_track_error_m",
-                "cross-track error beside the measured antenna",
-                measured(|one| one.error),
+                "cross-track error beside the measured antenna, with the true heading",
+                errors,
             ),
         ];
         for (name, what, values) in columns {
@@ -157,6 +175,27 @@ pub(crate) fn states(finished: &Finished<'_>) -> Option<Table> {
         table.join(column, &guidance.estimates, STALE);
     }
     Some(table)
+}
+
+/// Cross-track errors of the centre line beside measured antennas, with their times. A log of the bus has
+/// no heading that is as sure as the true one, so the guidance takes the vehicle to point along the line.
+fn errors(table: &Table, positions: &[Position], vehicle: &Vehicle) -> Vec<(f64, f64)> {
+    let machine = vehicle.manifest().machine.as_ref();
+    let right = machine.map_or(0.0, |machine| machine.antenna_right.get());
+    let place = table.place("heading_error_deg");
+    let heading = |at: f64| {
+        let known = table.rows.partition_point(|row| Table::seconds(row) <= at);
+        let row = table.rows.get(known.max(1) - 1)?;
+        match row.get(place?)? {
+            Cell::Number(degrees) => Some(degrees.to_radians()),
+            _ => None,
+        }
+    };
+    let error = |one: &Position| {
+        let along = heading(one.at).unwrap_or(0.0).cos();
+        (one.at, one.error + right * (1.0 - along))
+    };
+    positions.iter().map(error).collect()
 }
 
 #[cfg(test)]

@@ -163,6 +163,12 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
             ("message", "string", "", "name in the network file"),
             ("sender", "string", "", "node that sent it"),
             ("data", "string", "", "data bytes, hexadecimal"),
+            (
+                "remote",
+                "boolean",
+                "",
+                "whether it asks for the message and has no data",
+            ),
             ("start", "number", "s", "first edge of start of frame"),
             ("duration", "number", "us", "to the end of the frame"),
             (
@@ -174,7 +180,9 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
         ],
     ));
     for (index, frame) in finished.log.frames.iter().enumerate() {
-        let data = frame.data.iter().take(usize::from(frame.dlc));
+        let remote = finished.log.remote.contains(&index);
+        let bytes = if remote { 0 } else { frame.dlc };
+        let data = frame.data.iter().take(usize::from(bytes));
         let data: String = data.map(|byte| format!("{byte:02X}")).collect();
         let micros = (frame.end - frame.start).as_ticks() as f64 / 1e6;
         let value = json!({
@@ -182,6 +190,7 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
             "message": finished.matrix.message(frame.id).unwrap_or_default(),
             "sender": finished.sender(index),
             "data": data,
+            "remote": remote,
             "start": seconds(frame.start),
             "duration": micros,
             "complete": frame.complete,
@@ -223,7 +232,10 @@ fn signals(tracks: &mut Tracks, finished: &Finished<'_>) {
         });
         channels.insert(message.id, channel);
     }
-    for frame in finished.log.frames.iter().filter(|frame| frame.complete) {
+    for (index, frame) in finished.log.frames.iter().enumerate() {
+        if !frame.complete || finished.log.remote.contains(&index) {
+            continue;
+        }
         let known = decoder.message(frame.id);
         let known = known.filter(|message| message.accepts(usize::from(frame.dlc)));
         let (Some(message), Some(&channel)) = (known, channels.get(&frame.id)) else {

@@ -20,6 +20,8 @@ pub struct OutputFolder {
     lock: fs::File,
     existed: bool,
     names: Vec<String>,
+    /// Which files of an older run go away.
+    obsolete: Option<fn(&str) -> bool>,
     finished: bool,
 }
 
@@ -108,6 +110,7 @@ impl OutputFolder {
             staging,
             lock,
             names: Vec::new(),
+            obsolete: None,
             finished: false,
         })
     }
@@ -140,6 +143,27 @@ impl OutputFolder {
         Ok(file)
     }
 
+    /// When the files are put into an existing folder, removes those that an older run has left there and
+    /// this one does not write: `is_of_run` knows their names.
+    pub fn replace_older(&mut self, is_of_run: fn(&str) -> bool) {
+        self.obsolete = Some(is_of_run);
+    }
+
+    /// The files of an older run that nothing takes the place of.
+    fn left_over(&self) -> Vec<PathBuf> {
+        let Some(is_of_run) = self.obsolete else {
+            return Vec::new();
+        };
+        let entries = fs::read_dir(&self.target).into_iter().flatten().flatten();
+        let old = entries.filter(|entry| {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+            is_file && is_of_run(&name) && !self.names.iter().any(|own| *own == name)
+        });
+        old.map(|entry| entry.path()).collect()
+    }
+
     /// Puts the files into the folder and returns its path.
     ///
     /// # Errors
@@ -151,6 +175,9 @@ impl OutputFolder {
             for name in &self.names {
                 fs::rename(self.staging.join(name), self.target.join(name))
                     .map_err(|cause| self.fail(cause))?;
+            }
+            for old in self.left_over() {
+                fs::remove_file(old).map_err(|cause| self.fail(cause))?;
             }
             fs::remove_dir_all(&self.staging).map_err(|cause| self.fail(cause))?;
         } else {

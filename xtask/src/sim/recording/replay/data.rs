@@ -135,11 +135,19 @@ fn frames(finished: &Finished<'_>, columns: &mut Columns) {
         .map(|frame| (frame.end - frame.start).as_ticks() / TENTH);
     columns.numbers("span", spans);
     columns.numbers("id", frames.iter().map(|frame| u64::from(frame.id)));
-    let flags = |frame: &FrameRecord| frame.dlc.min(8) | u8::from(frame.complete) << 7;
-    columns.raw("flags", frames.iter().map(flags));
+    let remote = |index: usize| finished.log.remote.contains(&index);
+    let length =
+        |index: usize, frame: &FrameRecord| if remote(index) { 0 } else { frame.dlc.min(8) };
+    let flags = frames.iter().enumerate().map(|(index, frame)| {
+        length(index, frame) | u8::from(remote(index)) << 6 | u8::from(frame.complete) << 7
+    });
+    columns.raw("flags", flags);
     columns.raw("sender", (0..frames.len()).map(sender));
-    let data = |frame: &FrameRecord| frame.data.into_iter().take(usize::from(frame.dlc.min(8)));
-    columns.raw("data", frames.iter().flat_map(data));
+    let data = frames.iter().enumerate().flat_map(|(index, frame)| {
+        let length = usize::from(length(index, frame));
+        frame.data.into_iter().take(length)
+    });
+    columns.raw("data", data);
 }
 
 /// What the cores executed; returns the names of the tasks by node and exception.
@@ -185,7 +193,13 @@ fn windows(finished: &Finished<'_>) -> Vec<Value> {
 
 fn message(known: &Known) -> Value {
     let fields = known.fields.iter().map(Field::layout);
-    json!({ "id": known.id, "name": known.name, "fields": fields.collect::<Vec<_>>() })
+    let lengths: Vec<usize> = (0..=8).filter(|&bytes| known.accepts(bytes)).collect();
+    json!({
+        "id": known.id,
+        "name": known.name,
+        "lengths": lengths,
+        "fields": fields.collect::<Vec<_>>(),
+    })
 }
 
 /// The states, thinned out so that at most [`MOST_ROWS`] are left.
@@ -216,6 +230,9 @@ fn events(finished: &Finished<'_>, summary: &Summary) -> Vec<Value> {
     }
     for (table, at) in finished.scenario.beginnings() {
         let at = seconds(world::time::at(at.span()));
+        if at > seconds(finished.outcome.duration) {
+            continue;
+        }
         all.push((at, format!("scenario: {table}"), false));
     }
     for node in &finished.outcome.nodes {

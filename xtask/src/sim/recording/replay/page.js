@@ -425,6 +425,8 @@
     }
     function countOf(index) {
       const first = above(frames.start, cycles[index] - 1e-6);
+      // A cycle whose reference did not come has no count.
+      if (!(Math.abs(frames.start[first] - cycles[index]) < 1e-6) || !(frames.flags[first] & 0x80)) return null;
       const message = messages.get(frames.id[first]);
       const field = message?.fields.find((one) => one.name === "CycleCount");
       if (!field) return null;
@@ -526,7 +528,7 @@
           [at.toFixed(1)], [message?.name ?? "unknown", "word"], [String(id)], [run.senders[frames.sender[i]], "word"],
           [own && own.kind !== "arbitrating" ? (Math.round((at - own.start) * 10) / 10 + 0).toFixed(1) : "–"],
           [[...data].map((byte) => byte.toString(16).toUpperCase().padStart(2, "0")).join(" "), "word"],
-          [complete ? (message ? signals(message, data).join(", ") : "") : "destroyed by an error frame", "what"],
+          [contents(i, message, data), "what"],
         ];
         for (const [text, style] of cells) {
           const cell = row.insertCell();
@@ -534,6 +536,14 @@
           if (style) cell.className = style;
         }
       }
+    }
+
+    function contents(i, message, data) {
+      if (!(frames.flags[i] & 0x80)) return "destroyed by an error frame";
+      if (frames.flags[i] & 0x40) return "remote frame: it asks for the message";
+      if (!message) return "";
+      if (!message.lengths.includes(data.length)) return `${data.length} bytes: not the length of the message`;
+      return signals(message, data).join(", ");
     }
 
     function basicCycle(force) {
@@ -552,7 +562,7 @@
     // ---- time ---------------------------------------------------------------
 
     function update(force) {
-      one("clock").textContent = now.toFixed(3) + " s of " + end.toFixed(1) + " s";
+      one("clock").textContent = now.toFixed(3) + " s of " + (end < 0.1 ? end : end.toFixed(1)) + " s";
       one("time").value = now;
       one("time").setAttribute("aria-valuetext", now.toFixed(2) + " seconds");
       figures();
@@ -569,7 +579,8 @@
     }
 
     function play(on) {
-      playing = on && now < end;
+      if (on && now >= end) now = 0;
+      playing = on;
       one("play").textContent = playing ? "Pause" : "Play";
       last = performance.now();
       if (playing) requestAnimationFrame(frame);
@@ -592,7 +603,7 @@
     one("previous").addEventListener("click", () => step(-1));
     one("next").addEventListener("click", () => step(1));
     document.addEventListener("keydown", (event) => {
-      if (["SELECT", "INPUT"].includes(event.target.tagName)) return;
+      if (event.target.closest("select, input, summary, pre, .scroll")) return;
       const shift = event.shiftKey;
       const nudge = (by) => { one("place").value = Number(one("place").value) + by / 2 ** Number(one("zoom").value); timeline(); };
       const scale = (by) => { one("zoom").value = Number(one("zoom").value) + by; timeline(); };
