@@ -16,8 +16,12 @@ fn run(seed: u64, key: bool) -> Verdict {
 fn without_a_key_the_campaign_finds_that_forged_commands_move_motors() {
     let verdict = run(FORGED, false);
     assert!(verdict.tally.moved_a_motor > 0, "{verdict:?}");
-    let rules: Vec<&str> = verdict.violations.iter().map(|one| one.rule).collect();
-    assert!(rules.contains(&"forged"), "{rules:?}");
+    let mut rules = verdict.violations.iter().map(|one| one.rule.as_ref());
+    assert!(
+        rules.any(|rule| rule == "forged"),
+        "{:?}",
+        verdict.violations
+    );
 }
 
 #[test]
@@ -38,7 +42,9 @@ fn what_a_reference_that_is_not_proven_yet_allows_is_counted_as_known() {
     assert_eq!(verdict.violations, []);
     let known = verdict.tally.known;
     assert!(
-        known.keys().all(|rule| ["notice", "place"].contains(rule)),
+        known
+            .keys()
+            .all(|rule| ["notice", "place"].contains(&rule.as_ref())),
         "{known:?}"
     );
     assert_eq!(known["place"], 1);

@@ -584,7 +584,7 @@ pub struct Batch {
     milliseconds late, so a frame counts as outside its window only if it is more than 4 ms away from it.\n\
     cargo xtask analyse reads the record, and any other log.")]
 pub struct Monitor {
-    /// twin, socketcan:INTERFACE or slcan:PORT[@BAUD]
+    /// Bus: twin, socketcan:INTERFACE, or slcan:PORT with @BAUD if it has one
     #[arg(value_name = "BUS")]
     pub bus: Bus,
     /// Vehicle, a folder below firmware/vehicles [default: uagv on the twin]

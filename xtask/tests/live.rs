@@ -45,7 +45,7 @@ fn wait_for(link: &Path) {
 fn another_program_hears_the_bus_and_sends() {
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("bus");
-    let run = run(folder.path(), "6");
+    let run = run(folder.path(), "10");
     wait_for(&link);
     let port = serial2::SerialPort::open(&link, 115_200).unwrap();
     let mut adapter = Slcan::open(Port::new(port), "bus", 250_000).unwrap();
@@ -130,7 +130,7 @@ fn python_can_hears_the_bus() {
         return;
     }
     let link = folder.path().join("bus");
-    let run = run(folder.path(), "5");
+    let run = run(folder.path(), "12");
     wait_for(&link);
     let script = "\
 import can, sys

@@ -10,7 +10,7 @@ use std::{
 
 use mcap::MessageStream;
 use serde_json::Value;
-use xtask::Workspace;
+use xtask::{Workspace, vehicle};
 
 /// A run of three seconds in which an error frame destroys a frame.
 const SCENARIO: &str = "\
@@ -148,7 +148,10 @@ fn channels(bytes: &[u8]) -> BTreeMap<String, usize> {
 /// The `mcap` and `python-can` of PyPI count what is in the files.
 fn foreign_readers(run: &Path, topics: &BTreeMap<String, usize>) {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/recording/read.py");
-    let Some(done) = output(Command::new("python3").arg(script).arg(run)) else {
+    let root = Workspace::find().unwrap().root().to_owned();
+    let network = root.join("firmware/vehicles/uagv/network.dbc");
+    let mut python = Command::new("python3");
+    let Some(done) = output(python.arg(script).arg(run).arg(network)) else {
         eprintln!("skipped: no python3 reads the files");
         return;
     };
@@ -169,6 +172,23 @@ fn foreign_readers(run: &Path, topics: &BTreeMap<String, usize>) {
                 .iter()
                 .map(|(topic, count)| (topic.clone(), Some(*count as u64)));
             assert_eq!(read.collect::<Vec<_>>(), expected.collect::<Vec<_>>());
+        }
+    }
+    match read["cantools"].as_array() {
+        None => eprintln!("skipped: PyPI's cantools is not installed"),
+        Some(read) => {
+            let (frames, numbers) = (read[0].as_u64().unwrap(), read[1].as_u64().unwrap());
+            assert!(frames > 200 && numbers > 3 * frames, "{frames} {numbers}");
+        }
+    }
+    match read["canmatrix"].as_array() {
+        None => eprintln!("skipped: PyPI's canmatrix is not installed"),
+        Some(read) => {
+            let uagv = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+            let messages = uagv.network().messages.iter();
+            let mut names: Vec<Value> = messages.map(|one| one.name.clone().into()).collect();
+            names.sort_by_key(ToString::to_string);
+            assert_eq!(read, &names);
         }
     }
     match read["can"].as_array() {
