@@ -343,8 +343,8 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
-    cargo xtask sim --can slcan:/tmp/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
-    \x20 cargo xtask selftest --bus slcan:/tmp/bus\n  \
+    cargo xtask sim --can slcan:target/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
+    \x20 cargo xtask selftest --bus slcan:target/bus\n  \
     cargo xtask sim --faults 200                   random faults\n  \
     cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
     \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
@@ -577,7 +577,7 @@ pub struct Batch {
 #[command(after_help = "Examples:\n  \
     cargo xtask monitor --vehicle uagv socketcan:can0      nodes, messages and windows, until Ctrl-C\n  \
     cargo xtask monitor --vehicle uagv slcan:/dev/ttyACM0 --record drive.log\n  \
-    cargo xtask monitor --vehicle uagv slcan:/tmp/bus --seconds 5 --json    beside cargo xtask sim --can slcan:/tmp/bus\n  \
+    cargo xtask monitor --vehicle uagv slcan:target/bus --seconds 5 --json    beside cargo xtask sim --can slcan:target/bus\n  \
     cargo xtask monitor twin --seconds 5                   the virtual vehicle\n\n\
     A node is dead when nothing has come of it for three basic cycles, lost when half of its frames are out of\n\
     their windows, and babbles when it sends more than twice what is planned. Adapters report a frame up to some\n\

@@ -137,6 +137,19 @@ fn interrupted(whole: &Path) -> String {
         String::from_utf8_lossy(&output.stderr).contains("is complete"),
         "{output:?}"
     );
+    // An old report is not that of another campaign.
+    let other = [
+        "sim",
+        "--vehicle",
+        "two-boards",
+        "--faults",
+        "6",
+        "--seed",
+        "41",
+        "--resume",
+    ];
+    let said = sentence(&done(xtask(&other).args(out)));
+    assert!(said.contains("is the report of another campaign"), "{said}");
     report
 }
 

@@ -1,5 +1,7 @@
 //! The figures of an analysis, with units in the names of their fields.
 
+pub(super) use world::report::rounded;
+
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -345,11 +347,4 @@ pub(super) fn identifier(id: u32, extended: bool) -> String {
         true => format!("{id:08X}"),
         false => format!("{id} (0x{id:03X})"),
     }
-}
-
-/// `value` rounded to `digits` decimals, so that files are legible.
-pub(super) fn rounded(value: f64, digits: i32) -> f64 {
-    let scale = 10_f64.powi(digits);
-    // Turns a negative zero into zero.
-    (value * scale).round() / scale + 0.0
 }

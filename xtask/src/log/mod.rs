@@ -45,6 +45,15 @@ const LEVELS: [(&str, &str); 6] = [
     ("defmt_println", ""),
 ];
 
+/// The level of a line and the text behind it; no level if the line has none.
+pub(crate) fn parts(line: &str) -> (&str, &str) {
+    let is_level = |word: &str| !word.is_empty() && LEVELS.iter().any(|(_, level)| *level == word);
+    let parts = line.split_once(' ');
+    parts
+        .filter(|(word, _)| is_level(word))
+        .unwrap_or(("", line))
+}
+
 /// Offsets in RTT's control block: of the first channel's buffer, its size, and where the program
 /// writes and the probe reads.
 const BUFFER: u32 = 28;

@@ -2,11 +2,15 @@
 
 use std::{collections::BTreeMap, fmt::Write, time::Duration};
 
-use can_bus::{Frame, wire};
+use can_bus::{
+    Frame,
+    wire::{self, INTERMISSION_BITS},
+};
 use embedded_can::Id;
 use serde::Serialize;
 use vehicle_model::Vehicle;
-use world::report::{FrameRecord, Window, WindowKind};
+use world::report::{FrameRecord, Window, WindowKind, rounded};
+use world::time::span_micros;
 
 use crate::sim::matrix::Matrix;
 
@@ -191,7 +195,7 @@ impl Watch {
             at,
             id,
             outside,
-            bits: bits + INTERMISSION,
+            bits: bits + INTERMISSION_BITS,
         });
         let old = self.recent.partition_point(|one| one.at + SPAN < at);
         self.recent.drain(..old);
@@ -210,14 +214,14 @@ impl Watch {
             return None;
         }
         let since = start.checked_sub(self.reference?)?.as_secs_f64() * 1e6;
-        let behind = |window: &Window| since - micros(window.start);
+        let behind = |window: &Window| since - span_micros(window.start);
         // With several windows the nearest counts.
         let nearest = windows
             .by_ref()
             .min_by(|one, other| behind(one).abs().total_cmp(&behind(other).abs()))?;
         let behind = behind(nearest);
         let spare = STAMPED.as_secs_f64() * 1e6;
-        let outside = behind < -spare || behind > micros(nearest.length) + spare;
+        let outside = behind < -spare || behind > span_micros(nearest.length) + spare;
         let exclusive = nearest.kind == WindowKind::Exclusive;
         exclusive.then_some((behind, outside))
     }
@@ -319,18 +323,6 @@ impl Watch {
         own.map(|window| cycles / f64::from(window.repeat.max(1)))
             .sum()
     }
-}
-
-/// Bits between two frames (ISO 11898-1, 10.4.6).
-const INTERMISSION: u32 = 3;
-
-fn micros(span: world::SimDuration) -> f64 {
-    span.as_ticks() as f64 / 1e6
-}
-
-fn rounded(value: f64, digits: i32) -> f64 {
-    let scale = 10_f64.powi(digits);
-    (value * scale).round() / scale + 0.0
 }
 
 impl Picture {

@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn ways_to_the_bus_are_named() {
-        for text in ["slcan", "slcan:/tmp/bus", "socketcan:vcan0"] {
+        for text in ["slcan", "slcan:target/bus", "socketcan:vcan0"] {
             assert_eq!(text.parse::<Can>().unwrap().to_string(), text);
         }
         for text in ["", "can0", "slcan:", "socketcan", "socketcan:", "udp:1"] {

@@ -629,6 +629,11 @@ impl Finished<'_> {
         Ok((names, folder.finish()?))
     }
 
+    /// The name of a node.
+    fn node_name(&self, node: NodeIndex) -> &str {
+        self.nodes.get(node.0).map_or("", String::as_str)
+    }
+
     /// Who sent the frame of that index.
     fn sender(&self, index: usize) -> &str {
         let node = self.log.senders.get(index);

@@ -21,6 +21,12 @@ pub fn seconds(time: SimTime) -> f64 {
     time.as_ticks() as f64 / PER_SECOND as f64
 }
 
+/// A span in microseconds.
+#[must_use]
+pub fn span_micros(span: SimDuration) -> f64 {
+    span.as_ticks() as f64 / 1e6
+}
+
 /// `span` in seconds.
 #[must_use]
 pub fn span_seconds(span: SimDuration) -> f64 {

@@ -104,7 +104,7 @@ pub(crate) fn texts(finished: &Finished<'_>) -> Vec<(String, String)> {
 /// The bytes that changed something at the motor drivers, and the relays in the motors' leads.
 fn motors(finished: &Finished<'_>) -> String {
     let world = &finished.outcome.world;
-    let name = |node: world::NodeIndex| finished.nodes.get(node.0).map_or("", String::as_str);
+    let name = |node| finished.node_name(node);
     let bytes = world.efforts().iter().map(|change| {
         let line = format!("byte,{},{:.4}", change.byte, change.effort);
         (change.at, name(change.node), line)

@@ -326,7 +326,7 @@ fn world(tracks: &mut Tracks, finished: &Finished<'_>) {
         ("effort", "number", "", "-1 to 1; 0 while the relay is open"),
     ];
     let channel = tracks.channel(Channel::new("/motors", "furrow.Motor", &effort));
-    let name = |node: world::NodeIndex| finished.nodes.get(node.0).map_or("", String::as_str);
+    let name = |node| finished.node_name(node);
     for change in finished.outcome.world.efforts() {
         let value =
             json!({ "node": name(change.node), "byte": change.byte, "effort": change.effort });

@@ -9,7 +9,7 @@ use twin::{Images, TaskSwitch, Twin};
 use world::{SimDuration, SimTime};
 
 use super::{Error, live::Live};
-use crate::log::Log;
+use crate::log::{self, Log};
 
 /// How often the logs are fetched. A program's buffer for its log holds several lines.
 pub(super) const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
@@ -26,11 +26,7 @@ pub(crate) struct LogLine {
 impl LogLine {
     /// Its level and the text behind it; no level if the line has none.
     pub(crate) fn parts(&self) -> (&str, &str) {
-        let levels = ["TRACE", "DEBUG", "INFO", "WARN", "ERROR"];
-        let parts = self.text.split_once(' ');
-        parts
-            .filter(|(level, _)| levels.contains(level))
-            .unwrap_or(("", &self.text))
+        log::parts(&self.text)
     }
 }
 

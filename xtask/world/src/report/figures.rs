@@ -194,7 +194,8 @@ pub struct TaskFigures {
 
 /// `value` rounded to `digits` decimals, so that files are legible and differences in the last bit
 /// do not appear.
-pub(super) fn rounded(value: f64, digits: i32) -> f64 {
+#[must_use]
+pub fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);
     let rounded = (value * scale).round() / scale;
     // Turns a negative zero into zero.

@@ -30,7 +30,7 @@ pub use crop::{CropFigures, CropRun, GuideFigures, crop_svg};
 pub use expected::{Decode, ExpectationFigures, Judgement, expectations};
 pub use figures::{
     AutonomousRun, BusFigures, GateFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
-    TakeoverFigures, TaskFigures, WindowFigures,
+    TakeoverFigures, TaskFigures, WindowFigures, rounded,
 };
 pub use folder::{FolderError, OutputFolder, remove_unfinished};
 pub use guidance::{BAND, approached, settled};

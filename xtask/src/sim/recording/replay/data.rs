@@ -1,9 +1,9 @@
 //! What the script knows of the run.
 
 use serde_json::{Value, json};
-use world::report::{Cell, FrameRecord, Summary, Table, WindowKind};
-use world::time::{Span as _, seconds};
-use world::{SimDuration, SimTime};
+use world::SimTime;
+use world::report::{Cell, FrameRecord, Summary, Table, WindowKind, rounded};
+use world::time::{Span as _, seconds, span_micros};
 
 use super::super::super::{FOREIGN, Finished};
 use super::super::{Segment, files::console_lines};
@@ -30,7 +30,7 @@ pub(super) fn header(
     columns.rising("cycles", cycles.iter().map(|at| at.as_ticks() / TENTH));
     frames(finished, columns);
     let tasks = tasks(finished, columns);
-    let name = |node: world::NodeIndex| finished.nodes.get(node.0);
+    let name = |node| finished.node_name(node);
     let world = &finished.outcome.world;
     let efforts = world.efforts().iter().map(|change| {
         json!([
@@ -52,8 +52,8 @@ pub(super) fn header(
         "end": seconds(finished.outcome.duration),
         "nodes": finished.nodes,
         "senders": senders(finished),
-        "cycle": span(finished.matrix.basic_cycle()),
-        "bit": span(finished.matrix.bit_time()),
+        "cycle": span_micros(finished.matrix.basic_cycle()),
+        "bit": span_micros(finished.matrix.bit_time()),
         "windows": windows(finished),
         "messages": decoder.messages().iter().map(message).collect::<Vec<_>>(),
         "line": finished.scenario.line.as_ref().map(|line| {
@@ -71,16 +71,6 @@ pub(super) fn header(
         "tasks": tasks,
         "columns": columns.places,
     })
-}
-
-fn rounded(value: f64, digits: i32) -> f64 {
-    let scale = 10_f64.powi(digits);
-    (value * scale).round() / scale + 0.0
-}
-
-/// Microseconds.
-fn span(duration: SimDuration) -> f64 {
-    duration.as_ticks() as f64 / 1e6
 }
 
 /// When each basic cycle begins: with its reference message, and a cycle later where one is missing.
@@ -177,8 +167,8 @@ fn windows(finished: &Finished<'_>) -> Vec<Value> {
             "id": one.id,
             "message": one.message,
             "sender": one.sender,
-            "start": span(one.start),
-            "length": span(one.length),
+            "start": span_micros(one.start),
+            "length": span_micros(one.length),
             "repeat": one.repeat,
             "offset": one.offset,
             "kind": match one.kind {
@@ -243,7 +233,7 @@ fn events(finished: &Finished<'_>, summary: &Summary) -> Vec<Value> {
     }
     for change in &finished.outcome.gates {
         let gate = if change.closed { "closes" } else { "opens" };
-        let node = finished.nodes.get(change.node.0).map_or("", String::as_str);
+        let node = finished.node_name(change.node);
         all.push((
             seconds(change.at),
             format!("the guardian {gate} the gate of {node}"),
