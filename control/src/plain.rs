@@ -29,6 +29,7 @@ const HEADING_SPEED: f64 = 0.2;
 /// safety filter.
 #[derive(Clone, Copy, Debug)]
 pub struct PlainController<T> {
+    gains: [T; 3],
     settings: Settings<T>,
     line: Line<T>,
     safety: SafetyFilter<T>,
@@ -37,13 +38,15 @@ pub struct PlainController<T> {
 }
 
 impl<T: Scalar> PlainController<T> {
-    /// A law that follows `line` and stops the vehicle at its end.
+    /// A law with these gains that follows `line` and stops the vehicle at its end. The units of the
+    /// gains, and those of the thesis's vehicle: [`GAINS`].
     ///
     /// # Errors
     /// [`SettingsError`] names the setting that is unusable.
-    pub fn new(settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
+    pub fn new(gains: [T; 3], settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
         settings.check()?;
         Ok(Self {
+            gains,
             settings,
             line,
             safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
@@ -52,31 +55,9 @@ impl<T: Scalar> PlainController<T> {
         })
     }
 
-    /// Like [`Self::new`], by the name that [`crate::controller::Controller`] has for it.
-    ///
-    /// # Errors
-    /// [`SettingsError`] names the setting that is unusable.
-    pub fn following(settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
-        Self::new(settings, line)
-    }
-
-    /// The real steering rate as a share of the commanded one: 1, as this law estimates none.
-    #[must_use]
-    pub fn effectiveness(&self) -> T {
-        T::one()
-    }
-
     /// Slews commands from `last` on, which something else has sent to the actuators.
     pub fn resume(&mut self, last: Command<T>) {
         self.safety.resume(last);
-    }
-
-    /// Does nothing: this law predicts no motion.
-    pub fn predict(&mut self, _: Command<T>, _: T) {}
-
-    /// The same as [`Self::step`].
-    pub fn update(&mut self, sample: &Sample<T>) -> Outcome<T> {
-        self.step(sample)
     }
 
     /// One control step, like [`crate::controller::Controller::step`].
@@ -116,7 +97,7 @@ impl<T: Scalar> PlainController<T> {
                 tracking.steering_angle,
             ];
             Command {
-                steering_rate: state_feedback(&GAINS.map(T::lit), &state),
+                steering_rate: state_feedback(&self.gains, &state),
                 speed: self.settings.cruise,
             }
         });

@@ -26,7 +26,7 @@ fn gains_are_the_regulator_with_unit_weights() {
 #[test]
 fn the_command_is_the_states_times_the_gains() {
     let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();
-    let mut law = PlainController::<f64>::new(example::settings(), line).unwrap();
+    let mut law = PlainController::<f64>::new(GAINS, example::settings(), line).unwrap();
     let mut sample = Sample {
         position: Some(Position::new(1_000, 100)),
         velocity: Some(Velocity::new(1_000, 50)),
@@ -54,7 +54,7 @@ fn the_command_is_the_states_times_the_gains() {
 #[test]
 fn it_does_not_drive_on_an_old_position() {
     let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();
-    let mut law = PlainController::<f64>::new(example::settings(), line).unwrap();
+    let mut law = PlainController::<f64>::new(GAINS, example::settings(), line).unwrap();
     let mut sample = Sample {
         position: Some(Position::new(0, 0)),
         velocity: None,

@@ -48,6 +48,7 @@ pub mod pulses;
 pub mod rows;
 pub mod sbp;
 pub mod selftest;
+pub mod steering;
 pub mod takeover;
 pub mod text;
 mod vehicle;

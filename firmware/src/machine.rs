@@ -10,6 +10,7 @@ use control::feedback::Limits;
 use control::position::Position;
 
 use crate::actuator::Command;
+use crate::steering::Law;
 use crate::takeover::Guidance;
 
 /// The numbers of a machine with a steered front axle and a driven rear axle.
@@ -32,6 +33,10 @@ pub trait Machine {
     const PERIOD: f32;
     /// The settings of the control law.
     const SETTINGS: Settings<f32>;
+    /// The law that steers.
+    type Law: Law;
+    /// Its own settings.
+    const LAW: <Self::Law as Law>::Settings;
     /// What guides a run while the receiver has no fix.
     type Rows: Guidance;
     /// Its settings.

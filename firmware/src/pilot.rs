@@ -16,15 +16,9 @@ use crate::console::PilotView;
 use crate::display::View;
 use crate::machine::Machine;
 use crate::peers::Named;
+use crate::steering::Law as _;
 use crate::takeover::{Guidance as _, Known, Motion};
 use crate::{convert, design};
-
-/// The control law: from samples to commands.
-#[cfg(not(feature = "thesis-law"))]
-type Law = control::controller::Controller<f32, Line<f32>>;
-/// The thesis's law in its place.
-#[cfg(feature = "thesis-law")]
-type Law = control::plain::PlainController<f32>;
 
 /// Steps without a potentiometer reading that are tolerated while actuators move.
 const POT_PATIENCE: u8 = 3;
@@ -203,7 +197,7 @@ pub struct Decision {
 #[derive(Clone, Debug)]
 pub struct Pilot<M: Machine> {
     modes: ModeMachine,
-    controller: Law,
+    controller: M::Law,
     rows: M::Rows,
     applied: safety::Command<f32>,
     control_input: f32,
@@ -242,7 +236,7 @@ impl<M: Machine> Pilot<M> {
     pub fn new() -> Result<Self, DesignError> {
         let [from, to] = M::ROUTE;
         let line = Line::new(from, to).map_err(DesignError::Line)?;
-        let controller = Law::following(M::SETTINGS, line).map_err(DesignError::Settings)?;
+        let controller = M::Law::new(&M::LAW, M::SETTINGS, line).map_err(DesignError::Settings)?;
         Ok(Self {
             modes: ModeMachine::new(),
             controller,

@@ -7,7 +7,7 @@ use clap::{
 };
 
 use schedulability::{can::ErrorRate, foreign::Foreign};
-use vehicle_model::{Override, Overrides, Protocol};
+use vehicle_model::{Override, Overrides, Protocol, manifest::Law};
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
@@ -338,8 +338,10 @@ pub enum Kind {
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim departures/steering-reversed   a vehicle that does not do what it is told, and is stopped\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
-    cargo xtask sim poles --vehicle row-follower --set rover.law=thesis --out run\n                                                 \
+    cargo xtask sim poles --vehicle row-follower --law thesis --out run\n                                                 \
     \x20 a robot between rows; run/row.svg shows its way\n  \
+    cargo xtask sim straight-line --law thesis --gain-scale 0.5\n                                                 \
+    \x20 under the thesis's law, with half its gains\n  \
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
@@ -357,6 +359,8 @@ pub enum Kind {
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
     exit code 1 and the names of the aims that are missed\n  \
+    thesis-machine\n             \
+    the same on a machine fitted to the thesis's: its law has the thesis's figures there\n  \
     row-limits how long a gap and how many leaves a row follower drives through, with its\n             \
     law alone; with --out also the picture row-limits.svg\n  \
     thesis-2   its rows, chapter 2 (--vehicle row-follower), under its law and under Furrow's; exit\n             \
@@ -389,6 +393,13 @@ pub struct Sim {
         allow_hyphen_values = true
     )]
     pub seed: u64,
+    /// The law that steers: furrow or thesis [default: the scenario's, or else the manifest's]
+    #[arg(long, value_name = "LAW", value_parser = law, conflicts_with_all = ["experiment", "faults", "list"])]
+    pub law: Option<Law>,
+    /// Multiply the gains of the thesis's law by this number
+    #[arg(long, value_name = "FACTOR", value_parser = factor, allow_hyphen_values = true,
+        conflicts_with_all = ["experiment", "faults", "list"])]
+    pub gain_scale: Option<f64>,
     /// Run an experiment instead: scenarios with many seeds, checked against aims
     #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
     pub experiment: Option<String>,
@@ -470,6 +481,19 @@ fn speed(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
     let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
     speed.ok_or_else(|| "a number from 0.001 to 100 is accepted".to_owned())
+}
+
+fn law(text: &str) -> Result<Law, String> {
+    let law = Law::ALL.into_iter().find(|law| law.name() == text);
+    law.ok_or_else(|| "furrow or thesis is accepted".to_owned())
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    let factor = text
+        .parse()
+        .ok()
+        .filter(|factor| (0.01..=100.0).contains(factor));
+    factor.ok_or_else(|| "a number from 0.01 to 100 is accepted".to_owned())
 }
 
 fn seconds(text: &str) -> Result<SimDuration, String> {

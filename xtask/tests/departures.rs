@@ -2,7 +2,7 @@
 
 use control::controller::{Outcome, Sample};
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
-use vehicle_model::Vehicle;
+use vehicle_model::{Vehicle, manifest::Law};
 use world::Scenario;
 use world::random::{Purpose, Stream};
 use xtask::{Workspace, experiment::quick};
@@ -45,7 +45,7 @@ fn ended(
     seed: u64,
 ) -> Option<(u32, Departure)> {
     let scenario = Scenario::parse(vehicle, "any", "any", scenario).unwrap();
-    let mut law = numbers.law(false).unwrap();
+    let mut law = numbers.law(Law::Furrow).unwrap();
     let mut watch = ResponseWatch::new(ResponseSettings::of(numbers.settings()));
     let mut steps = 0_u32;
     let mut ended = None;

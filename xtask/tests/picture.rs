@@ -2,6 +2,7 @@
 
 use std::{env, fs, path::Path};
 
+use vehicle_model::manifest::Law;
 use world::{
     Scenario,
     report::{Summary, track_svg},
@@ -23,7 +24,7 @@ fn the_picture_of_the_readme_is_the_run_it_shows() {
     let vehicle = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
     let scenario = Scenario::find(&vehicle, "straight-line").unwrap();
     let numbers = Numbers::of(&vehicle).unwrap();
-    let mut law = numbers.law(false).unwrap();
+    let mut law = numbers.law(Law::Furrow).unwrap();
     let record = quick::drive(&vehicle, &numbers, &scenario, 1, &mut *law, |_, _, _| ());
     let run = record.run();
     let drawn = track_svg(&run, &Summary::of(&run)).unwrap();

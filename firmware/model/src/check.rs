@@ -9,7 +9,7 @@ use parts::Sled;
 use crate::manifest::{
     BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
     DistanceSignals, Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover,
-    RowGuidance, SelfTest, SignalPath, ThesisLaw,
+    RowGuidance, SelfTest, SignalPath, SteeringGains, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -496,6 +496,7 @@ fn machine(machine: &Machine) -> Result<(), String> {
         regulator("firm", &weights.firm)?;
         regulator("gentle", &weights.gentle)?;
     }
+    steering_gains(machine.thesis)?;
     potentiometer(machine)?;
     for (name, direction) in [
         ("right", machine.steering.right),
@@ -526,6 +527,15 @@ fn machine(machine: &Machine) -> Result<(), String> {
         "machine.drive.full_speed",
         machine.drive.full_speed,
     )
+}
+
+/// Checks the gains of the thesis's law. The firmware has them in single precision.
+fn steering_gains(gains: SteeringGains) -> Result<(), String> {
+    let largest = 1000.0;
+    let field = |key: &str| format!("machine.thesis.{key}");
+    number(&field("cross_track"), gains.cross_track, 1e-6, largest)?;
+    number(&field("heading"), gains.heading, 0.0, largest)?;
+    number(&field("steering_angle"), gains.steering_angle, 0.0, largest)
 }
 
 /// Checks those numbers of a rover that [`crate::design::check`] does not check.

@@ -13,8 +13,8 @@ use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Machine, Receiver,
-    RegulatorWeights, Remote, Rover, RowGuidance, RowLaw, Safety, ThesisLaw, Waypoint,
+    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Receiver,
+    RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
@@ -297,6 +297,7 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
                 &vehicle::source(&settings).to_string(),
             );
         }
+        steering_law(&mut out, machine);
         row_guidance(&mut out, machine, manifest.guidance_by_rows()).map_err(|error| {
             VehicleError::Manifest {
                 file: vehicle.manifest_file(),
@@ -318,6 +319,28 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
         let _ = writeln!(out, "    const PERIOD: f32 = {period:?};\n}}");
     }
     Ok(out)
+}
+
+/// The law that steers a machine.
+fn steering_law(out: &mut String, machine: &Machine) {
+    let (law, settings) = match machine.law {
+        Law::Furrow => ("Furrow", String::from("()")),
+        Law::Thesis => {
+            let gains = machine.thesis.array().map(|gain| gain as f32);
+            ("Thesis", format!("{gains:?}"))
+        }
+    };
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        out,
+        "/// The law that steers.\npub type Law = ::firmware::steering::{law};\n"
+    );
+    constant(
+        out,
+        "Its own settings.",
+        "LAW: <Law as ::firmware::steering::Law>::Settings",
+        &settings,
+    );
 }
 
 /// # Errors
@@ -402,6 +425,8 @@ impl ::firmware::machine::Machine for Machine {
     const FULL_BYTE_IS_FORWARD: bool = FULL_BYTE_IS_FORWARD;
     const ROUTE: [::control::position::Position; 2] = ROUTE;
     const SETTINGS: ::control::controller::Settings<f32> = SETTINGS;
+    type Law = Law;
+    const LAW: <Law as ::firmware::steering::Law>::Settings = LAW;
 ";
 
 /// Appends `/// doc`, `pub const NAME: TYPE = value;`.
@@ -443,12 +468,12 @@ fn rover(out: &mut String, rover: &Rover) -> Result<(), RowSettingsError> {
         &value,
     );
     let (law, settings, difference) = match rover.law {
-        RowLaw::Furrow => {
+        Law::Furrow => {
             let settings = RowSettings::<f32>::for_robot(&robot)?;
             let source = row::source(&settings).to_string();
             ("Furrow", source, largest_difference(&robot, &settings))
         }
-        RowLaw::Thesis => (
+        Law::Thesis => (
             "Thesis",
             thesis_source(&robot, &rover.thesis),
             2.0 * rover.thesis.effort.get(),
@@ -681,6 +706,39 @@ mod tests {
         let vehicle = Vehicle::parse("uagv", &folder, &manifest, &read("network.dbc"))
             .map_err(|error| error.to_string())?;
         source(&vehicle).map_err(|error| error.to_string())
+    }
+
+    /// The constants of the vehicle with these values in place of its manifest's.
+    fn set(set: &str) -> Result<String, String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles/uagv");
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+        let (manifest, network) = (read("vehicle.toml"), read("network.dbc"));
+        let set = crate::Overrides::parse(set)?;
+        let vehicle = Vehicle::parse_with("uagv", &folder, &manifest, &network, &set)
+            .map_err(|error| error.to_string())?;
+        source(&vehicle).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_manifest_chooses_the_law_and_its_gains() {
+        let own = set("").unwrap();
+        assert!(own.contains("pub type Law = ::firmware::steering::Furrow;"));
+        assert!(own.contains("Settings = ();"), "{own}");
+        let thesis = set("machine.law=thesis;machine.thesis.heading=1.5").unwrap();
+        assert!(thesis.contains("pub type Law = ::firmware::steering::Thesis;"));
+        assert!(
+            thesis.contains("Settings = [0.888975, 1.5, 2.198963];"),
+            "{thesis}"
+        );
+        for wrong in [
+            "cross_track=0",
+            "heading=-1",
+            "steering_angle=1e9",
+            "heading=nan",
+        ] {
+            let told = set(&format!("machine.thesis.{wrong}")).unwrap_err();
+            assert!(told.contains("is accepted"), "{told}");
+        }
     }
 
     /// The constants of the row follower with these values in place of its manifest's.

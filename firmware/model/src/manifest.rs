@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use control::plain::GAINS;
 use serde::{Deserialize, Serialize};
 
 use crate::units::{Acceleration, Angle, Count, CountSlope, Length, Rate, Ratio, Speed, Time};
@@ -467,6 +468,44 @@ pub struct Machine {
     pub cornering: f64,
     /// Weights of the steering's regulators. Default: derived from the other numbers.
     pub weights: Option<Weights>,
+    /// The law that steers. Default: Furrow's.
+    #[serde(default)]
+    pub law: Law,
+    /// Gains of the thesis's law. Default: those that `dlqr` gives for its vehicle at 1 m/s with unit
+    /// weights ([`control::plain::GAINS`]). Its text does not have those that drove.
+    #[serde(default)]
+    pub thesis: SteeringGains,
+}
+
+/// Gains of a state feedback from the steering's states to the steering rate, 0 to 1000.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SteeringGains {
+    /// On the cross-track error, 1/(m s), above 0.
+    pub cross_track: f64,
+    /// On the heading error, 1/s.
+    pub heading: f64,
+    /// On the steering angle, 1/s.
+    pub steering_angle: f64,
+}
+
+impl Default for SteeringGains {
+    fn default() -> Self {
+        let [cross_track, heading, steering_angle] = GAINS;
+        Self {
+            cross_track,
+            heading,
+            steering_angle,
+        }
+    }
+}
+
+impl SteeringGains {
+    /// The gains in the order of the states.
+    #[must_use]
+    pub const fn array(self) -> [f64; 3] {
+        [self.cross_track, self.heading, self.steering_angle]
+    }
 }
 
 /// Standard deviations of measurements.
@@ -612,7 +651,7 @@ pub struct Rover {
     pub rows: CropRows,
     /// The law that steers. Default: Furrow's.
     #[serde(default)]
-    pub law: RowLaw,
+    pub law: Law,
     /// Numbers of the thesis's law. Default: those with which it has the thesis's errors on simulated
     /// rows.
     #[serde(default)]
@@ -713,16 +752,32 @@ pub struct CropRows {
     pub gap: Length,
 }
 
-/// The law that steers a rover.
+/// The law that steers a machine or a rover.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum RowLaw {
-    /// Furrow's: an estimator of the place between the rows, and a law that brings it to the middle.
+pub enum Law {
+    /// Furrow's: an estimator of the vehicle's place, and a law that brings it to the line or to the
+    /// middle between the rows.
     #[default]
     Furrow,
-    /// The thesis's, on the difference of the distances: proportional, or with an integral if
-    /// [`ThesisLaw::integral`] is above 0.
+    /// The thesis's, on what the sensors say. A machine has state feedback with the gains of
+    /// [`SteeringGains`]. A rover has one on the difference of its distances: proportional, or with an
+    /// integral if [`ThesisLaw::integral`] is above 0.
     Thesis,
+}
+
+impl Law {
+    /// All laws.
+    pub const ALL: [Self; 2] = [Self::Furrow, Self::Thesis];
+
+    /// Its name in a manifest.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Furrow => "furrow",
+            Self::Thesis => "thesis",
+        }
+    }
 }
 
 /// Numbers of the thesis's law (thesis 2.2.5.3 and 2.2.6.1). Its text does not have them.

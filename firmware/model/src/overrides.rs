@@ -192,6 +192,12 @@ impl Overrides {
         shared.map(String::as_str)
     }
 
+    /// One of these of which others have no value for the same key.
+    #[must_use]
+    pub fn missing_in(&self, others: &Self) -> Option<Override> {
+        self.iter().find(|one| !others.0.contains_key(&one.key))
+    }
+
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {

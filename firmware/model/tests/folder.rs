@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use proptest::prelude::*;
-use vehicle_model::manifest::RowLaw;
+use vehicle_model::manifest::Law;
 use vehicle_model::{Device, NodeIndex, Override, Overrides, Protocol, Vehicle};
 
 fn vehicles() -> PathBuf {
@@ -616,8 +616,8 @@ fn a_value_is_read_as_the_manifest_has_it() {
     };
     let own = rover("").unwrap();
     let fast = rover("rover.cruise=0.8;rover.law=thesis;rover.thesis.integral=0.5").unwrap();
-    assert_eq!((own.cruise.get(), own.law), (0.4, RowLaw::Furrow));
-    assert_eq!((fast.cruise.get(), fast.law), (0.8, RowLaw::Thesis));
+    assert_eq!((own.cruise.get(), own.law), (0.4, Law::Furrow));
+    assert_eq!((fast.cruise.get(), fast.law), (0.8, Law::Thesis));
     assert_eq!(fast.thesis.integral, 0.5);
     let (units, quoted) = (
         rover("rover.cruise = 800 mm/s"),

@@ -15,6 +15,9 @@ pub struct Aggregate {
     pub complete: usize,
     /// Median of the settling times; `None` when the median run never settled.
     pub settling_median_seconds: Option<f64>,
+    /// Median of the times until the error stays about its own mean; `None` when the median run never
+    /// did.
+    pub arrival_median_seconds: Option<f64>,
     /// Longest settling time; `None` when a run never settled.
     pub settling_worst_seconds: Option<f64>,
     /// Mean of the cross-track error over all samples of all runs in steady state.
@@ -36,11 +39,8 @@ pub struct Aggregate {
 impl Aggregate {
     /// Combines runs.
     pub fn of(runs: &[Figures]) -> Self {
-        let mut times: Vec<Option<f64>> = runs.iter().map(|run| run.settling).collect();
-        times.sort_by(|a, b| {
-            let late = f64::INFINITY;
-            a.unwrap_or(late).total_cmp(&b.unwrap_or(late))
-        });
+        let times = sorted(runs.iter().map(|run| run.settling));
+        let arrivals = sorted(runs.iter().map(|run| run.arrival));
         let each: Vec<(f64, f64)> = runs
             .iter()
             .map(|run| moments(run.steady.iter().copied()))
@@ -55,6 +55,7 @@ impl Aggregate {
             settled: times.iter().flatten().count(),
             complete: runs.iter().filter(|run| run.complete).count(),
             settling_median_seconds: median(&times),
+            arrival_median_seconds: median(&arrivals),
             settling_worst_seconds: times.last().copied().flatten(),
             mean_cm,
             mean_worst_cm: each.iter().map(|(mean, _)| *mean).fold(0.0, |worst, mean| {
@@ -75,6 +76,16 @@ impl Aggregate {
             },
         }
     }
+}
+
+/// Times in order, the missing ones last.
+fn sorted(times: impl Iterator<Item = Option<f64>>) -> Vec<Option<f64>> {
+    let mut times: Vec<Option<f64>> = times.collect();
+    times.sort_by(|a, b| {
+        let late = f64::INFINITY;
+        a.unwrap_or(late).total_cmp(&b.unwrap_or(late))
+    });
+    times
 }
 
 /// Mean and standard deviation; both are zero for an empty list.
@@ -107,6 +118,7 @@ pub(super) mod tests {
         Figures {
             seed: 1,
             settling,
+            arrival: settling,
             steady: steady.to_vec(),
             steady_seconds: 20.0,
             sign_changes,

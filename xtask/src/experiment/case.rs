@@ -24,6 +24,9 @@ pub struct Case {
     pub thesis_settling_seconds: Option<f64>,
     /// How soon the vehicle shall be on the line.
     pub settling: Settling,
+    /// Whether the scenario is fitted to the thesis's machine: its law shall have the thesis's figures
+    /// there, within [`FIT_CM`] and [`FIT_SECONDS`].
+    pub fitted: bool,
 }
 
 /// How soon the vehicle shall be on the line.
@@ -45,19 +48,32 @@ pub const MOST_SWINGS: usize = 1;
 /// The plain law must change the sign of its command at least this many times as often.
 pub const FEWER_SIGN_CHANGES: f64 = 10.0;
 
+/// Largest difference of the plain law's mean error from that of the thesis, cm.
+pub const FIT_CM: f64 = 1.0;
+/// Largest difference of the time until the plain law's error stays about its mean from the settling
+/// time of the thesis, s.
+pub const FIT_SECONDS: f64 = 2.0;
+
 macro_rules! case {
     ($name:literal, $mean:expr, $settling:expr, $aim:expr) => {
+        case!($name, $mean, $settling, $aim, false)
+    };
+    ($name:literal, $mean:expr, $settling:expr, $aim:expr, $fitted:expr) => {
         Case {
             name: $name,
             thesis_mean_cm: $mean,
             thesis_settling_seconds: $settling,
             settling: $aim,
+            fitted: $fitted,
         }
     };
 }
 
 /// All experiments.
-pub const ALL: &[Experiment] = &[Experiment {
+pub const ALL: &[Experiment] = &[THESIS_7, THESIS_MACHINE];
+
+/// The track tests on the machine that the thesis's text describes: its law alone makes the difference.
+const THESIS_7: Experiment = Experiment {
     name: "thesis-7",
     cases: &[
         case!(
@@ -76,7 +92,29 @@ pub const ALL: &[Experiment] = &[Experiment {
         ),
         case!("loaded", Some(1.0), None, Settling::Within(6.0)),
     ],
-}];
+};
+
+/// The same on a machine with errors such that the thesis's law has the thesis's figures.
+const THESIS_MACHINE: Experiment = Experiment {
+    name: "thesis-machine",
+    cases: &[
+        case!(
+            "one-metre-off",
+            Some(-2.7),
+            Some(15.0),
+            Settling::Within(6.0),
+            true
+        ),
+        case!(
+            "five-metres-off",
+            Some(-4.4),
+            Some(15.0),
+            Settling::Shortest(1.15),
+            true
+        ),
+        case!("loaded", Some(1.0), None, Settling::Within(6.0), true),
+    ],
+};
 
 impl Experiment {
     /// The experiment of that name.
@@ -92,16 +130,10 @@ impl Experiment {
 }
 
 impl Case {
-    /// The vehicle's scenario for the case; it stands in a folder with the experiment's name.
-    ///
-    /// # Errors
-    ///
-    /// The vehicle has none, or its file is wrong.
-    pub fn scenario(&self, vehicle: &Vehicle, experiment: &str) -> Result<Scenario, Error> {
-        Ok(Scenario::find(
-            vehicle,
-            &format!("{experiment}/{}", self.name),
-        )?)
+    /// The name of the case's scenario: its file stands in a folder with the experiment's name.
+    #[must_use]
+    pub fn path(&self, experiment: &str) -> String {
+        format!("{experiment}/{}", self.name)
     }
 }
 
@@ -153,7 +185,7 @@ mod tests {
     fn every_case_is_a_scenario() {
         for experiment in ALL {
             for case in experiment.cases {
-                let scenario = case.scenario(&uagv(), experiment.name).unwrap();
+                let scenario = Scenario::find(&uagv(), &case.path(experiment.name)).unwrap();
                 assert_eq!(scenario.name, case.name);
                 assert!(!scenario.summary.is_empty());
             }

@@ -52,7 +52,8 @@ impl<'a> SteeringRate<'a> {
 /// Largest cross-track error that counts as on the line, m: the settling band of the report.
 const BAND: f64 = 0.05;
 
-/// For a run that never settles, the last seconds of this length count as its steady state.
+/// The mean of the last seconds of this length is the one that a run arrives at. For a run that never
+/// arrives, they count as its steady state.
 const TAIL: f64 = 10.0;
 
 /// Figures of one run from the moment when the vehicle drives by itself.
@@ -62,6 +63,9 @@ pub struct Figures {
     pub seed: u64,
     /// Time until the cross-track error stays within the band, s.
     pub settling: Option<f64>,
+    /// Time until it stays within a band of that width about its own mean at the end, s: what a reader
+    /// of the thesis's curves sees, whose errors have a mean other than zero.
+    pub arrival: Option<f64>,
     /// Cross-track errors in steady state, evenly spaced, cm.
     pub steady: Vec<f64>,
     /// Length of the steady state, s.
@@ -93,10 +97,17 @@ impl Figures {
             })
             .filter(|(time, _)| (from..=until).contains(time))
             .collect();
-        let steady_from = match drive.settling_seconds {
+        let tail = (until - TAIL).max(from);
+        let arrival = arrival(&errors, tail).map(|at| at - from);
+        // A law that is slow in its last centimetres is within the band before it is steady.
+        let steady_after = match (drive.settling_seconds, arrival) {
+            (Some(settling), Some(arrival)) => Some(settling.max(arrival)),
+            (settling, arrival) => settling.or(arrival),
+        };
+        let steady_from = match steady_after {
             // The settling time is rounded to milliseconds, samples are 10 ms apart.
-            Some(settling) => from + settling - 1e-3,
-            None => (until - TAIL).max(from),
+            Some(after) => from + after - 1e-3,
+            None => tail,
         };
         let commands = rates
             .into_iter()
@@ -105,6 +116,7 @@ impl Figures {
         Some(Self {
             seed: run.seed,
             settling: drive.settling_seconds,
+            arrival,
             steady: errors
                 .iter()
                 .filter(|(time, _)| *time >= steady_from)
@@ -117,6 +129,18 @@ impl Figures {
             complete: summary.autonomous_runs.len() == 1 && until >= summary.simulated_seconds,
         })
     }
+}
+
+/// When the errors, each with its time, come to stay within [`BAND`] of their mean from `tail` on.
+fn arrival(errors: &[(f64, f64)], tail: f64) -> Option<f64> {
+    let last = errors.iter().filter(|(time, _)| *time >= tail);
+    let count = last.clone().count().max(1) as f64;
+    let mean = last.map(|(_, error)| error).sum::<f64>() / count;
+    let outside = errors
+        .iter()
+        .rposition(|(_, error)| (error - mean).abs() > BAND);
+    let first = errors.get(outside.map_or(0, |index| index + 1));
+    first.map(|(time, _)| *time).filter(|time| *time < tail)
 }
 
 /// Changes of sign; zeros in between are ignored.
@@ -220,6 +244,22 @@ mod tests {
         assert!((figures.steady[612] - 2.0).abs() < 1e-9);
         // Commands 39..=99: k = 40 is positive, 42 negative, .., 98 negative: 30 of them.
         assert_eq!(figures.sign_changes, 29);
+    }
+
+    /// From 1 m down to 4 cm on the left within 4 s, where it stays: within the band of the line from
+    /// 3.65 s on, within that of its mean from 3.85 s on.
+    #[test]
+    fn a_run_arrives_when_it_stays_about_its_own_mean() {
+        let error = |step: u32| (1.04 - 0.0026 * f64::from(step)).max(0.0) - 0.04;
+        let errors: Vec<(f64, f64)> = (0..2000)
+            .map(|step| (f64::from(step) * 0.01, error(step)))
+            .collect();
+        let at = arrival(&errors, 10.0).unwrap();
+        assert!((at - 3.81).abs() < 1e-9, "{at}");
+        let restless: Vec<(f64, f64)> =
+            errors.iter().map(|(time, _)| (*time, time.sin())).collect();
+        assert_eq!(arrival(&restless, 10.0), None);
+        assert_eq!(arrival(&[], 10.0), None);
     }
 
     #[test]

@@ -12,10 +12,9 @@ mod thesis_2;
 
 use std::{
     fmt::Write as _,
-    fs,
     num::NonZero,
     sync::{
-        Mutex, PoisonError,
+        Arc, Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
     },
     thread,
@@ -27,18 +26,18 @@ use control::{
     vehicle::Refusal,
 };
 use twin::{Images, Options, TwinError};
-use vehicle_model::{NodeIndex, Vehicle};
+use vehicle_model::{Overrides, Vehicle, manifest::Law};
 use world::{
     Scenario, ScenarioError, SimDuration,
     report::{FolderError, OutputFolder, Run},
 };
 
 use crate::{
-    Failure, ReadError, Workspace, build,
+    Failure, Workspace,
     cli::Sim,
     progress::Display,
-    sim::{self, bus::Log, matrix::Matrix},
-    target, vehicle,
+    sim::{self, bus::Log, choice, matrix::Matrix},
+    vehicle,
 };
 use case::Experiment;
 use measure::{Figures, SteeringRate};
@@ -84,9 +83,6 @@ pub enum Error {
     /// The output folder is wrong.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// The build left no image with the thesis's law.
-    #[error("cargo built no image")]
-    NoImage,
     /// The waypoints make no line.
     #[error(transparent)]
     Line(#[from] LineError),
@@ -200,37 +196,27 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     if let Some((_, run)) = OTHERS.iter().find(|(other, _)| *other == name) {
         return run(workspace, options);
     }
-    let vehicle = &vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+    let own = options.changes.overrides();
+    let vehicle = &vehicle::with(workspace, &options.vehicle, &own)?;
     if name == row_limits::NAME {
         return row_limits::run(vehicle, options);
     }
     let experiment = Experiment::find(name)?;
-    let numbers = Numbers::of(vehicle)?;
-    let rate = SteeringRate::of(vehicle)?;
+    if own
+        .shared_key(&Overrides::parse(LAW_KEY).map_err(Failure::Usage)?)
+        .is_some()
+    {
+        return Err(Failure::Usage(format!(
+            "{name} drives under both laws: machine.law is not accepted in --set"
+        )));
+    }
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
     };
-    let scenarios = experiment
-        .cases
-        .iter()
-        .map(|case| case.scenario(vehicle, experiment.name))
-        .collect::<Result<Vec<_>, _>>()?;
-    let jobs = jobs(vehicle, &scenarios, options);
-    let figures = if options.quick {
-        run_all(&jobs, &Job::name, &|job| job.run_quickly(&numbers))?
-    } else {
-        let matrix = Matrix::new(vehicle);
-        // The plain image first: the one built last stays in the target folder and is the one to
-        // flash.
-        let (controller, plain) = plain_controller(workspace, vehicle, &rate)?;
-        let furrow = sim::images(workspace, vehicle)?;
-        let plain = furrow.clone().with(controller, plain);
-        let images = [furrow, plain];
-        run_all(&jobs, &Job::name, &|job| {
-            job.run(&images[job.law], &matrix, &rate)
-        })?
-    };
+    let ready = ready(workspace, vehicle, experiment, options.quick)?;
+    let jobs = jobs(&ready, options);
+    let figures = run_all(&jobs, &Job::name, &Job::run)?;
 
     let of = |case: usize, law: usize| -> Vec<Figures> {
         let both = jobs.iter().zip(&figures);
@@ -238,10 +224,11 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
             .map(|(_, figures)| figures.clone())
             .collect()
     };
-    let cases = experiment.cases.iter().enumerate().zip(&scenarios);
+    let cases = experiment.cases.iter().zip(&ready).enumerate();
     let cases = cases
-        .map(|((number, case), scenario)| {
-            let shortest = case::shortest_seconds(vehicle, scenario)?;
+        .map(|(number, (case, [ready, _]))| {
+            let scenario = &ready.scenario;
+            let shortest = case::shortest_seconds(&ready.vehicle, scenario)?;
             let (furrow, plain) = (of(number, 0), of(number, 1));
             Ok(CaseReport::new(
                 case,
@@ -278,38 +265,103 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     }
 }
 
+/// The key that the experiments set themselves.
+const LAW_KEY: &str = "machine.law=furrow";
+
+/// A case under one law, ready to run.
+struct Ready {
+    law: Law,
+    vehicle: Vehicle,
+    scenario: Scenario,
+    numbers: Numbers,
+    /// `None` in quick mode.
+    images: Option<Arc<Images>>,
+}
+
+impl Ready {
+    /// The case without its images.
+    fn new(
+        workspace: &Workspace,
+        vehicle: &Vehicle,
+        law: Law,
+        scenario: &str,
+    ) -> Result<Self, Failure> {
+        let (vehicle, scenario) = choice::under(workspace, vehicle, law, scenario)?;
+        Ok(Self {
+            law,
+            numbers: Numbers::of(&vehicle)?,
+            vehicle,
+            scenario,
+            images: None,
+        })
+    }
+}
+
+/// Every case of an experiment under each of [`Law::ALL`].
+fn ready(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    experiment: &Experiment,
+    quick: bool,
+) -> Result<Vec<[Ready; 2]>, Failure> {
+    let mut built = BuiltImages::default();
+    let mut all = Vec::new();
+    for case in experiment.cases {
+        let path = case.path(experiment.name);
+        let mut of = |law| -> Result<Ready, Failure> {
+            let mut ready = Ready::new(workspace, vehicle, law, &path)?;
+            if !quick {
+                ready.images = Some(built.of(workspace, &ready.vehicle)?);
+            }
+            Ok(ready)
+        };
+        all.push([of(Law::ALL[0])?, of(Law::ALL[1])?]);
+    }
+    Ok(all)
+}
+
+/// The images of several vehicles, those with the same values built once.
+#[derive(Default)]
+pub(crate) struct BuiltImages(Vec<(Overrides, Arc<Images>)>);
+
+impl BuiltImages {
+    /// The images of this vehicle.
+    ///
+    /// # Errors
+    ///
+    /// One does not build.
+    pub(crate) fn of(
+        &mut self,
+        workspace: &Workspace,
+        vehicle: &Vehicle,
+    ) -> Result<Arc<Images>, Failure> {
+        let mut built = self.0.iter();
+        if let Some((_, images)) = built.find(|(of, _)| of == vehicle.overrides()) {
+            return Ok(Arc::clone(images));
+        }
+        let images = Arc::new(sim::images(workspace, vehicle)?);
+        self.0
+            .push((vehicle.overrides().clone(), Arc::clone(&images)));
+        Ok(images)
+    }
+}
+
 /// Every case with every seed and both laws.
-fn jobs<'a>(vehicle: &'a Vehicle, scenarios: &'a [Scenario], options: &Sim) -> Vec<Job<'a>> {
+fn jobs<'a>(ready: &'a [[Ready; 2]], options: &Sim) -> Vec<Job<'a>> {
     let seeds = (0..options.seeds).map(|k| options.seed.wrapping_add(k));
     let jobs = seeds.flat_map(|seed| {
-        let scenarios = scenarios.iter().enumerate();
-        scenarios.flat_map(move |(case, scenario)| {
-            [0, 1].map(|law| Job {
+        let cases = ready.iter().enumerate();
+        cases.flat_map(move |(case, laws)| {
+            let laws = laws.iter().enumerate();
+            laws.map(move |(law, of)| Job {
                 case,
-                vehicle,
-                scenario,
                 law,
+                of,
                 seed,
             })
         })
     });
     jobs.collect()
-}
-
-/// The node that commands the motors, and its image with the thesis's law.
-fn plain_controller(
-    workspace: &Workspace,
-    vehicle: &Vehicle,
-    rate: &SteeringRate,
-) -> Result<(NodeIndex, Vec<u8>), Failure> {
-    target::ensure(workspace)?;
-    let nodes = vehicle::nodes(vehicle, std::slice::from_ref(&rate.message.sender))?;
-    let mut cargo = build::command(workspace, vehicle, &nodes)?;
-    cargo.args(["--features", "thesis-law"]);
-    let images = build::finish(workspace, cargo, vehicle, &nodes)?;
-    let image = images.first().ok_or(Error::NoImage)?;
-    let bytes = fs::read(&image.path).map_err(ReadError::of(&image.path))?;
-    Ok((image.node, bytes))
 }
 
 /// Names of the laws in files.
@@ -318,34 +370,47 @@ const LAWS: [&str; 2] = ["furrow", "plain"];
 /// A run that is to be done.
 struct Job<'a> {
     case: usize,
-    vehicle: &'a Vehicle,
-    scenario: &'a Scenario,
     /// Index into [`LAWS`].
     law: usize,
+    of: &'a Ready,
     seed: u64,
 }
 
 impl Job<'_> {
     fn name(&self) -> String {
-        format!("{} with seed {}", self.scenario.name, self.seed)
+        format!("{} with seed {}", self.of.scenario.name, self.seed)
     }
 
     fn failed(&self, why: RunError) -> Error {
         Error::Run {
-            scenario: self.scenario.name.clone(),
+            scenario: self.of.scenario.name.clone(),
             seed: self.seed,
             law: LAWS[self.law],
             why,
         }
     }
 
+    fn run(&self) -> Result<Figures, Error> {
+        match &self.of.images {
+            Some(images) => self.drive(images),
+            None => self.drive_quickly(),
+        }
+    }
+
     /// The run with the law alone, without images and bus.
-    fn run_quickly(&self, numbers: &Numbers) -> Result<Figures, Error> {
-        let mut law = numbers.law(self.law == 1)?;
-        quick::drive(
-            self.vehicle,
+    fn drive_quickly(&self) -> Result<Figures, Error> {
+        let Ready {
+            law,
+            vehicle,
+            scenario,
             numbers,
-            self.scenario,
+            ..
+        } = self.of;
+        let mut law = numbers.law(*law)?;
+        quick::drive(
+            vehicle,
+            numbers,
+            scenario,
             self.seed,
             &mut *law,
             |_, _, _| (),
@@ -354,12 +419,17 @@ impl Job<'_> {
         .ok_or_else(|| self.failed(RunError::NeverDrove))
     }
 
-    fn run(&self, images: &Images, matrix: &Matrix, rate: &SteeringRate) -> Result<Figures, Error> {
+    fn drive(&self, images: &Images) -> Result<Figures, Error> {
+        let Ready {
+            vehicle, scenario, ..
+        } = self.of;
+        let rate = SteeringRate::of(vehicle)?;
+        let matrix = Matrix::new(vehicle);
         let options = Options {
             seed: self.seed,
             ..Options::default()
         };
-        let outcome = twin::run(self.vehicle, self.scenario, images, &options, |_| {})
+        let outcome = twin::run(vehicle, scenario, images, &options, |_| {})
             .map_err(|error| self.failed(error.into()))?;
         if let Some(node) = outcome.nodes.iter().find(|node| node.locked_up) {
             return Err(self.failed(RunError::Fault {
@@ -369,8 +439,8 @@ impl Job<'_> {
         let log = Log::new(&outcome.records, matrix.bit_time());
         let modes = matrix.modes(&log.frames);
         let run = Run {
-            scenario: self.scenario,
-            nodes: &vehicle::node_names(self.vehicle),
+            scenario,
+            nodes: &vehicle::node_names(vehicle),
             seed: self.seed,
             duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
             states: outcome.world.states(),
@@ -445,7 +515,7 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
         let _ = writeln!(
             text,
             "{},{},{},{},{:.3},{:.3},{:.3},{},{:.3},{}",
-            job.scenario.name,
+            job.of.scenario.name,
             LAWS[job.law],
             job.seed,
             settling.unwrap_or_default(),
@@ -462,7 +532,7 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::ffi::OsString;
+    use std::{ffi::OsString, fs};
 
     use super::*;
     use crate::cli;
@@ -503,25 +573,20 @@ mod tests {
     /// Figures of a few runs of each case, without bus and images.
     fn quick(vehicle: &Vehicle, seeds: u64) -> Vec<(&'static case::Case, CaseReport)> {
         let numbers = Numbers::of(vehicle).unwrap();
-        let [experiment] = case::ALL else {
-            panic!("one experiment");
-        };
+        let experiment = Experiment::find("thesis-7").unwrap();
         let report = |case: &'static case::Case| {
-            let scenario = case.scenario(vehicle, experiment.name).unwrap();
+            let scenario = Scenario::find(vehicle, &case.path(experiment.name)).unwrap();
             let runs = |law| -> Vec<Figures> {
-                let job = |seed| Job {
-                    case: 0,
-                    vehicle,
-                    scenario: &scenario,
-                    law,
-                    seed,
+                let drive = |seed| {
+                    let mut law = numbers.law(law).unwrap();
+                    quick::drive(vehicle, &numbers, &scenario, seed, &mut *law, |_, _, _| ())
                 };
                 (1..=seeds)
-                    .map(|seed| job(seed).run_quickly(&numbers).unwrap())
+                    .map(|seed| drive(seed).figures().unwrap())
                     .collect()
             };
             let shortest = case::shortest_seconds(vehicle, &scenario).unwrap();
-            let (furrow, plain) = (runs(0), runs(1));
+            let (furrow, plain) = (runs(Law::Furrow), runs(Law::Thesis));
             let report = CaseReport::new(case, &scenario.summary, shortest, &furrow, &plain);
             (case, report)
         };
@@ -572,6 +637,32 @@ mod tests {
                 report.furrow.deviation_cm < report.plain.deviation_cm,
                 "{report:?}"
             );
+        }
+    }
+
+    /// Without bus and images, a few seeds: on the machine that is fitted to the thesis's, its law has the
+    /// thesis's figures, and Furrow's law meets the aims.
+    #[test]
+    fn the_fitted_machine_has_the_figures_of_the_thesis() {
+        let workspace = Workspace::find().unwrap();
+        let experiment = Experiment::find("thesis-machine").unwrap();
+        let ready = ready(&workspace, &uagv(), experiment, true).unwrap();
+        for (case, laws) in experiment.cases.iter().zip(&ready) {
+            let runs = |law: usize| -> Vec<Figures> {
+                let of = &laws[law];
+                let job = |seed| Job {
+                    case: 0,
+                    law,
+                    of,
+                    seed,
+                };
+                (1..=3).map(|seed| job(seed).run().unwrap()).collect()
+            };
+            let (furrow, plain) = (runs(0), runs(1));
+            let report = CaseReport::new(case, "", 10.0, &furrow, &plain);
+            let fit = report.aims.iter().filter(|aim| aim.plain).count();
+            assert_eq!(fit, 1 + usize::from(case.thesis_settling_seconds.is_some()));
+            assert!(report.aims.iter().all(|aim| aim.met), "{report:?}");
         }
     }
 

@@ -21,7 +21,10 @@ use firmware::{
     navigation::{Station, Step, Update},
 };
 use network_model::worst_case_bits;
-use vehicle_model::{Vehicle, manifest::Waypoint};
+use vehicle_model::{
+    Vehicle,
+    manifest::{self, Waypoint},
+};
 use world::time::{PER_SECOND, Span as _};
 use world::{
     Analog, Device, Effect, NodeIndex, Scenario, SimDuration, SimTime, World,
@@ -82,6 +85,8 @@ struct Times {
 #[derive(Clone, Debug)]
 pub struct Numbers {
     settings: Settings<f32>,
+    /// Gains of the thesis's law.
+    gains: [f32; 3],
     line: Line<f32>,
     limits: Limits<f32>,
     /// Largest acceleration, m/s2.
@@ -124,6 +129,7 @@ impl Numbers {
         let first_burst = receiver.period.get() + receiver.latency.get() + receiver.burst.get();
         Ok(Self {
             settings: Settings::for_vehicle(&description)?,
+            gains: machine.thesis.array().map(|gain| gain as f32),
             line: Line::new(waypoint(from), waypoint(to))?,
             limits: vehicle_model::limits(machine),
             acceleration: machine.limits.acceleration.get() as f32,
@@ -145,17 +151,16 @@ impl Numbers {
         &self.settings
     }
 
-    /// The vehicle's own law, or the thesis's with the same settings.
+    /// Furrow's law, or the thesis's with the same settings.
     ///
     /// # Errors
     ///
     /// A setting is unusable.
-    pub fn law(&self, plain: bool) -> Result<Box<dyn Law>, Error> {
+    pub fn law(&self, law: manifest::Law) -> Result<Box<dyn Law>, Error> {
         let (settings, line) = (self.settings, self.line);
-        Ok(if plain {
-            Box::new(PlainController::new(settings, line)?)
-        } else {
-            Box::new(Controller::new(settings, line)?)
+        Ok(match law {
+            manifest::Law::Thesis => Box::new(PlainController::new(self.gains, settings, line)?),
+            manifest::Law::Furrow => Box::new(Controller::new(settings, line)?),
         })
     }
 }

@@ -7,7 +7,8 @@ use serde::Serialize;
 use super::{
     aggregate::Aggregate,
     case::{
-        Case, FEWER_SIGN_CHANGES, LARGEST_DEVIATION_CM, LARGEST_MEAN_CM, MOST_SWINGS, Settling,
+        Case, FEWER_SIGN_CHANGES, FIT_CM, FIT_SECONDS, LARGEST_DEVIATION_CM, LARGEST_MEAN_CM,
+        MOST_SWINGS, Settling,
     },
     measure::Figures,
 };
@@ -53,6 +54,10 @@ pub(super) struct Aim {
     pub figure: &'static str,
     /// The measured value; `None` when there is none.
     pub value: Option<f64>,
+    /// Whether it is an aim of the thesis's law, and not of Furrow's.
+    pub plain: bool,
+    /// The least accepted value.
+    pub least: Option<f64>,
     /// The largest accepted value.
     pub limit: f64,
     /// Whether the aim is met.
@@ -65,14 +70,49 @@ impl Aim {
         Self {
             figure,
             value,
+            plain: false,
+            least: None,
             limit,
             met,
+        }
+    }
+
+    /// The thesis's law has the thesis's figure, give or take `tolerance`.
+    fn as_in_the_thesis(
+        figure: &'static str,
+        value: Option<f64>,
+        thesis: f64,
+        tolerance: f64,
+    ) -> Self {
+        let (least, limit) = (thesis - tolerance, thesis + tolerance);
+        Self {
+            figure,
+            value,
+            plain: true,
+            least: Some(least),
+            limit,
+            met: value.is_some_and(|value| (least..=limit).contains(&value)),
+        }
+    }
+
+    /// What is accepted, and whether it was reached.
+    fn verdict(&self, digits: usize) -> String {
+        let verdict = if self.met { "met" } else { "MISSED" };
+        let law = if self.plain { "plain law: " } else { "" };
+        match self.least {
+            None => format!("   {law}at most {:.digits$}: {verdict}", self.limit),
+            Some(least) => format!(
+                "   {law}{least:.digits$} to {:.digits$}: {verdict}",
+                self.limit
+            ),
         }
     }
 }
 
 /// Names of the figures that have aims, as in the table.
 mod figure {
+    pub(super) const ARRIVAL: &str = "about its mean, median";
+    pub(super) const OWN_MEAN: &str = "mean error";
     pub(super) const SETTLING: &str = "settling, worst";
     pub(super) const MEAN: &str = "|mean error|";
     pub(super) const DEVIATION: &str = "deviation";
@@ -103,7 +143,7 @@ impl CaseReport {
         );
         // Strictly fewer: if neither law changed the sign, nothing would be shown.
         signs.met = furrow.sign_changes_per_second < signs.limit;
-        let aims = vec![
+        let mut aims = vec![
             Aim::at_most(figure::SETTLING, furrow.settling_worst_seconds, soonest),
             Aim::at_most(figure::MEAN, Some(furrow.mean_cm.abs()), LARGEST_MEAN_CM),
             Aim::at_most(
@@ -119,6 +159,19 @@ impl CaseReport {
             signs,
             Aim::at_most(figure::UNFINISHED, Some(unfinished), 0.0),
         ];
+        if let Some(mean) = case.thesis_mean_cm.filter(|_| case.fitted) {
+            let found = Some(plain.mean_cm);
+            aims.push(Aim::as_in_the_thesis(figure::OWN_MEAN, found, mean, FIT_CM));
+        }
+        if let Some(settling) = case.thesis_settling_seconds.filter(|_| case.fitted) {
+            let found = plain.arrival_median_seconds;
+            aims.push(Aim::as_in_the_thesis(
+                figure::ARRIVAL,
+                found,
+                settling,
+                FIT_SECONDS,
+            ));
+        }
         Self {
             case: case.name,
             summary: summary.to_owned(),
@@ -160,7 +213,7 @@ impl Report {
         for case in &self.cases {
             let _ = writeln!(
                 text,
-                "\n{}: {}; shortest path {:.1} s\n  {:<24}{:>10}{:>12}{:>10}   aim",
+                "\n{}: {}; shortest path {:.1} s\n  {:<27}{:>10}{:>12}{:>10}   aim",
                 case.case,
                 case.summary,
                 case.shortest_path_seconds,
@@ -186,12 +239,9 @@ fn cell(value: Option<f64>, digits: usize) -> String {
 fn rows(case: &CaseReport) -> Vec<String> {
     let line = |name: &str, thesis: Option<f64>, part: fn(&Aggregate) -> Option<f64>, digits| {
         let aim = case.aims.iter().find(|aim| name.starts_with(aim.figure));
-        let aim = aim.map_or_else(String::new, |aim| {
-            let verdict = if aim.met { "met" } else { "MISSED" };
-            format!("   at most {:.digits$}: {verdict}", aim.limit)
-        });
+        let aim = aim.map_or_else(String::new, |aim| aim.verdict(digits));
         format!(
-            "{name:<24}{:>10}{:>12}{:>10}{aim}",
+            "{name:<27}{:>10}{:>12}{:>10}{aim}",
             cell(thesis, digits),
             cell(part(&case.plain), digits),
             cell(part(&case.furrow), digits),
@@ -202,11 +252,17 @@ fn rows(case: &CaseReport) -> Vec<String> {
     let mut rows = vec![
         line(
             "settling, median (s)",
-            case.thesis_settling_seconds,
+            None,
             |a| a.settling_median_seconds,
             1,
         ),
         line("settling, worst (s)", None, |a| a.settling_worst_seconds, 1),
+        line(
+            "about its mean, median (s)",
+            case.thesis_settling_seconds,
+            |a| a.arrival_median_seconds,
+            1,
+        ),
         line(
             "|mean error| (cm)",
             thesis_mean.map(f64::abs),
@@ -237,12 +293,9 @@ fn rows(case: &CaseReport) -> Vec<String> {
     ];
     let whole = |name: &str, part: fn(&Aggregate) -> usize| {
         let aim = case.aims.iter().find(|aim| name == aim.figure);
-        let aim = aim.map_or_else(String::new, |aim| {
-            let verdict = if aim.met { "met" } else { "MISSED" };
-            format!("   at most {}: {verdict}", aim.limit)
-        });
+        let aim = aim.map_or_else(String::new, |aim| aim.verdict(0));
         format!(
-            "{name:<24}{:>10}{:>12}{:>10}{aim}",
+            "{name:<27}{:>10}{:>12}{:>10}{aim}",
             "-",
             cell(count(part(&case.plain)), 0),
             cell(count(part(&case.furrow)), 0),
@@ -299,6 +352,33 @@ mod tests {
                 figure::UNFINISHED
             ]
         );
+    }
+
+    #[test]
+    fn a_fitted_machine_shall_have_the_figures_of_the_thesis() {
+        let [.., fitted] = ALL else { panic!("none") };
+        let case = &fitted.cases[0];
+        let furrow = [run(Some(5.0), [-1.0, 1.0], 0)];
+        let judged = |mean: f64, arrival: f64| {
+            let mut plain = run(Some(12.0), [mean - 1.0, mean + 1.0], 100);
+            plain.arrival = Some(arrival);
+            CaseReport::new(case, "a test", 10.0, &furrow, &[plain])
+        };
+        assert!(missed(&judged(-2.0, 16.9)).is_empty());
+        assert_eq!(missed(&judged(-1.6, 13.0)), [figure::OWN_MEAN]);
+        assert_eq!(missed(&judged(-3.7, 12.9)), [figure::ARRIVAL]);
+        let report = Report {
+            experiment: "thesis-machine",
+            first_seed: 1,
+            seeds: 1,
+            cases: vec![judged(-1.6, 13.0)],
+        };
+        let text = report.text();
+        assert!(
+            text.contains("-1.60      0.00   plain law: -3.70 to -1.70: MISSED"),
+            "{text}"
+        );
+        assert!(text.contains("plain law: 13.0 to 17.0: met"), "{text}");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use firmware::rows::{FULL_EFFORT, Follower, Furrow, State};
 use serde::Serialize;
 use vehicle_model::{
     Vehicle,
-    manifest::{CropRows, Rover, RowLaw},
+    manifest::{CropRows, Law, Rover},
     units::{Density, Length, Ratio, Speed},
 };
 use world::{
@@ -163,7 +163,7 @@ pub fn map(
     seeds: u64,
 ) -> Result<(Limit, String), Error> {
     let rover = needed(vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
-    if rover.law != RowLaw::Furrow {
+    if rover.law != Law::Furrow {
         return Err(Error::ThesisLaw {
             vehicle: vehicle.name().into(),
         });

@@ -13,7 +13,7 @@ use serde::Serialize;
 use control::row::Sides;
 use firmware::rows::{self, FULL_EFFORT, Follower, LARGEST_DISTANCE};
 use twin::{Images, Twin};
-use vehicle_model::manifest::{Rover, RowLaw};
+use vehicle_model::manifest::{Law, Rover};
 use vehicle_model::{Overrides, Vehicle};
 use world::report::{DistancePair, OutputFolder, RoverFigures, RoverRun};
 use world::rover::Side;
@@ -21,11 +21,11 @@ use world::row_drive::{RowDrive, pulse};
 use world::time::{Span as _, at, from_seconds, seconds};
 use world::{Scenario, World};
 
-use super::{Error, RunError, needed, run_all};
+use super::{BuiltImages, Error, RunError, needed, run_all};
 use crate::{
     Failure, Workspace,
     cli::Sim,
-    sim::{self, bus::Log, distances, matrix::Matrix},
+    sim::{bus::Log, distances, matrix::Matrix},
     vehicle,
 };
 
@@ -331,17 +331,9 @@ fn ready(workspace: &Workspace, options: &Sim) -> Result<Vec<Ready>, Failure> {
     if options.quick {
         return Ok(cases);
     }
-    for at in 0..cases.len() {
-        let (before, of) = cases.split_at_mut(at);
-        let of = &mut of[0];
-        let overrides = of.vehicle.overrides();
-        let same = before
-            .iter()
-            .find(|one| one.vehicle.overrides() == overrides);
-        of.images = match same {
-            Some(same) => same.images.clone(),
-            None => Some(Arc::new(sim::images(workspace, &of.vehicle)?)),
-        };
+    let mut built = BuiltImages::default();
+    for of in &mut cases {
+        of.images = Some(built.of(workspace, &of.vehicle)?);
     }
     Ok(cases)
 }
@@ -364,8 +356,8 @@ impl Job<'_> {
             scenario: self.of.case.name.into(),
             seed: self.seed,
             law: law.map_or("", |rover| match rover.law {
-                RowLaw::Furrow => "Furrow's law",
-                RowLaw::Thesis => "the thesis's law",
+                Law::Furrow => "Furrow's law",
+                Law::Thesis => "the thesis's law",
             }),
             why,
         }
@@ -487,11 +479,11 @@ impl PcLaw {
     fn of(rover: &Rover) -> Option<Self> {
         let robot = vehicle_model::robot(rover);
         match rover.law {
-            RowLaw::Furrow => {
+            Law::Furrow => {
                 let settings = control::row::RowSettings::for_robot(&robot).ok()?;
                 Some(Self::Furrow(Box::new(Follower::new(&settings))))
             }
-            RowLaw::Thesis => {
+            Law::Thesis => {
                 let law = &rover.thesis;
                 let settings = rows::ThesisLaw {
                     least: (law.least.get() * 100.0) as f32,

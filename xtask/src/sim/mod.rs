@@ -1,6 +1,7 @@
 //! `sim`: runs the release images on the virtual vehicle and reports the result.
 
 pub(crate) mod bus;
+pub(crate) mod choice;
 pub(crate) mod distances;
 mod faults;
 mod gdb;
@@ -201,20 +202,16 @@ pub enum SourceError {
 /// The scenario or the output folder is wrong (exit code 2), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
-    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
-    if let Some(sequences) = options.faults {
+    if options.faults.is_some() || options.list {
+        let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+        let Some(sequences) = options.faults else {
+            return list(&vehicle, options.json).map_err(Failure::from);
+        };
         check_campaign(&vehicle, options.attacker)?;
         return faults::run(workspace, &vehicle, options, sequences);
     }
     // Wrong input is reported before a build that takes time.
-    if options.list {
-        return list(&vehicle, options.json).map_err(Failure::from);
-    }
-    let name = match &options.scenario {
-        Some(name) => name.clone(),
-        None => first_scenario(&vehicle)?,
-    };
-    let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
+    let (vehicle, scenario) = choice::choose(workspace, options)?;
     switched_on(&vehicle, &scenario)?;
     let debugger = options.gdb.as_ref().map(|place| {
         let until = options.until.as_deref();

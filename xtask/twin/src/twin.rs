@@ -18,7 +18,7 @@ use firmware::e2e::Key;
 use parts::Sled;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use vehicle_model::{NodeIndex, Vehicle};
+use vehicle_model::{NodeIndex, Override, Vehicle};
 use world::line::Wave;
 use world::rover::Side;
 use world::scenario::Babble;
@@ -61,6 +61,16 @@ impl Images {
 /// Why a vehicle cannot be built, or cannot run on.
 #[derive(Debug, thiserror::Error)]
 pub enum TwinError {
+    /// The scenario is one of a vehicle with other values than this one.
+    #[error(
+        "scenario {scenario} is one of a vehicle with {missing}, which this one was not built with"
+    )]
+    Other {
+        /// The scenario.
+        scenario: String,
+        /// The first of its values that the vehicle was built without.
+        missing: Box<Override>,
+    },
     /// An image does not fit its node's microcontroller.
     #[error("the image of node {node}: {error}")]
     Image {
@@ -211,6 +221,12 @@ impl Twin {
         images: &Images,
         flash: FlashTiming,
     ) -> Result<Self, TwinError> {
+        if let Some(missing) = scenario.set.missing_in(vehicle.overrides()) {
+            return Err(TwinError::Other {
+                scenario: scenario.name.clone(),
+                missing: Box::new(missing),
+            });
+        }
         let world = World::new(vehicle, scenario, seed);
         let mut network = Network::new();
         let mut nodes = Vec::new();

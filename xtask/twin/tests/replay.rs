@@ -115,3 +115,18 @@ fn a_long_run_keeps_a_bounded_number_of_states_and_still_goes_back() {
     assert_eq!(replay.companion().all, steps);
     assert_eq!(replay.states(), states);
 }
+
+/// The images would be those of another vehicle than the scenario's.
+#[test]
+fn a_scenario_of_a_changed_vehicle_is_refused_by_the_unchanged_one() {
+    let vehicle = vehicle();
+    let text = "set = [\"rover.cruise=0.3\"]\n[[row.section]]\nkind = \"barriers\"\nlength = \"20 m\"\nwidth = \"2 m\"\n";
+    let scenario = Scenario::parse(&vehicle, "t", "t", text).unwrap();
+    let refused = Twin::new(&vehicle, &scenario, 1, &Images::default())
+        .err()
+        .unwrap();
+    assert_eq!(
+        refused.to_string(),
+        "scenario t is one of a vehicle with rover.cruise=0.3, which this one was not built with"
+    );
+}

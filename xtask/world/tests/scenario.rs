@@ -109,6 +109,11 @@ fn every_mistake_has_its_sentence() {
             "half a line",
             "[line]\nfrom = { north = \"1 m\", east = \"1 m\" }",
         ),
+        ("a value without a key", "set = [\"thesis\"]"),
+        (
+            "a key twice",
+            "set = [\"machine.cruise=1\", \"machine.cruise=2\"]",
+        ),
         ("not TOML", "[start\neast = \"1 m\""),
         ("twice", "duration = \"1 s\"\nduration = \"1 s\""),
     ];
@@ -344,7 +349,7 @@ fn every_scenario_of_a_vehicle_expects_something() {
 #[test]
 fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
     let listed = Scenario::list(&uagv::vehicle());
-    assert_eq!(listed.len(), 20);
+    assert_eq!(listed.len(), 26);
     assert_eq!(listed[6].name, "straight-line");
     assert_eq!(listed[7].name, "departures/drive-dead");
     for scenario in listed {

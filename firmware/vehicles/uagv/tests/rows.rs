@@ -11,6 +11,7 @@ use firmware::buttons::{Button, Buttons, Edge};
 use firmware::e2e;
 use firmware::machine::Machine;
 use firmware::pilot::{Decision, Inputs, Pilot, Reason};
+use firmware::steering::Furrow;
 use firmware::takeover::ByRows;
 use uagv::Uagv;
 // Any protected message in place of that of the rows node, which this network does not have.
@@ -29,6 +30,8 @@ impl Machine for Rows {
     const ROUTE: [Position; 2] = Uagv::ROUTE;
     const PERIOD: f32 = Uagv::PERIOD;
     const SETTINGS: Settings<f32> = Uagv::SETTINGS;
+    type Law = Furrow;
+    const LAW: () = ();
     type Rows = ByRows;
     const ROWS: TakeoverSettings<f32> = TakeoverSettings {
         speed: 0.5,

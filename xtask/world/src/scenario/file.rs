@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
-use vehicle_model::{Device, NodeIndex, Vehicle};
+use vehicle_model::{Device, NodeIndex, Overrides, Vehicle};
 
 use super::rover::{self, DistanceFault};
 use super::{
@@ -22,6 +22,7 @@ use crate::vehicle;
 #[serde(deny_unknown_fields, default)]
 pub(super) struct File {
     summary: String,
+    set: Vec<String>,
     duration: Time,
     start: Option<StartChanges>,
     line: Option<Line>,
@@ -57,6 +58,7 @@ impl Default for File {
     fn default() -> Self {
         Self {
             summary: String::new(),
+            set: Vec::new(),
             duration: Time::new(60.0),
             start: None,
             line: None,
@@ -235,6 +237,7 @@ impl File {
         Ok(Scenario {
             name: name.into(),
             summary: self.summary,
+            set: Overrides::parse(&self.set.join(";")).map_err(|error| format!("set: {error}"))?,
             duration: self.duration,
             start: start(vehicle, line.as_ref(), self.start)?,
             line,

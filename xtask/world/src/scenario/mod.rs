@@ -17,7 +17,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use vehicle_model::{Remote, Vehicle};
+use vehicle_model::{Overrides, Remote, Vehicle};
 
 pub use error::ScenarioError;
 pub use events::{
@@ -47,6 +47,9 @@ pub struct Scenario {
     pub name: String,
     /// One line on what the scenario shows.
     pub summary: String,
+    /// Values in place of those of the vehicle's manifest, for the images and the vehicle of this
+    /// scenario. Default: none.
+    pub set: Overrides,
     /// Length of the run unless the caller asks for another, within [`DURATIONS`].
     /// Default 60 s.
     pub duration: Time,

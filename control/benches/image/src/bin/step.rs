@@ -13,7 +13,7 @@ use control::guidance::{Deviation, Guidance};
 use control::line::Line;
 use control::model::Geometry;
 use control::mpc::Mpc;
-use control::plain::PlainController;
+use control::plain::{GAINS, PlainController};
 use control::position::{Position, Velocity};
 use control::safety::{Command, SafetyFilter};
 use control::scalar::Scalar;
@@ -56,7 +56,7 @@ impl Kernel {
         };
         let mut kernel = Self {
             controller: Controller::following(settings, line).ok()?,
-            plain: PlainController::new(settings, line).ok()?,
+            plain: PlainController::new(GAINS.map(|gain| gain as f32), settings, line).ok()?,
             estimator: Estimator::new(settings.estimator, Position::new(0, 0)).ok()?,
             guidance: Guidance::new(settings.guidance).ok()?,
             safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
