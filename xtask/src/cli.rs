@@ -59,6 +59,8 @@ pub enum Command {
     Keys(Keys),
     /// Write the folder of a new vehicle.
     New(New),
+    /// Draw the figures of the thesis from runs of the release images.
+    Figures(Figures),
     /// Show what happened in the log of a CAN bus.
     Analyse(Analyse),
     /// Watch a bus against its schedule, as it happens.
@@ -626,6 +628,29 @@ pub struct Monitor {
     /// Print the last picture as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+/// Options of `figures`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask figures --out figures              all of them; figures/figures.html shows them\n  \
+    cargo xtask figures 7.17 7.22 --out figures    two of them, and the runs that these need\n  \
+    cargo xtask figures --list                     the figures of the thesis that show data\n  \
+    cargo xtask figures --json                     their numbers beside those of the thesis as JSON\n\n\
+    Each figure names the commands that make its runs one by one. All of them take some minutes.")]
+pub struct Figures {
+    /// Numbers of figures, as in the thesis [default: all that show data]
+    #[arg(value_name = "NUMBER")]
+    pub only: Vec<String>,
+    /// Folder for the page, the numbers, and a picture of each chart [default: no files]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the numbers as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// List the figures instead of drawing them
+    #[arg(long, conflicts_with_all = ["out", "json"])]
+    pub list: bool,
 }
 
 /// Options of `analyse`.

@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, board, build, campaigns, cli, experiment, file, keys, monitor, new, probe,
-    schedulability, selftest, sim, size, target, test, vehicle, workspace,
+    audit, bench, board, build, campaigns, cli, experiment, figures, file, keys, monitor, new,
+    probe, schedulability, selftest, sim, size, target, test, vehicle, workspace,
 };
 
 /// Why a command ends without success; displays as one sentence.
@@ -50,6 +50,9 @@ pub enum Failure {
     /// `sim --experiment`.
     #[error(transparent)]
     Experiment(#[from] experiment::Error),
+    /// `figures`.
+    #[error(transparent)]
+    Figures(#[from] figures::Error),
     /// `flash`, `attach` and `run`.
     #[error(transparent)]
     Probe(#[from] probe::Error),
@@ -90,6 +93,7 @@ impl Failure {
     pub fn exit_code(&self) -> u8 {
         let usage = match self {
             Failure::Usage(_) | Failure::Folder(_) | Failure::Campaign(_) => true,
+            Failure::Figures(_) => true,
             Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
             Failure::Bench(error) => error.is_usage(),
             Failure::Keys(error) => error.is_usage(),

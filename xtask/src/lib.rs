@@ -17,6 +17,7 @@ pub mod calibrate;
 pub mod campaigns;
 pub mod cli;
 pub mod experiment;
+pub mod figures;
 pub mod interrupt;
 pub mod keys;
 pub mod monitor;
@@ -34,6 +35,7 @@ pub mod vehicle;
 mod failure;
 mod file;
 mod log;
+mod page;
 mod progress;
 mod seal;
 mod workspace;
@@ -71,6 +73,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Analyse(options) => analyse::run(&workspace, &options),
+        cli::Command::Figures(options) => figures::run(&workspace, &options),
         cli::Command::Campaign(options) => campaigns::run(&workspace, &options),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),

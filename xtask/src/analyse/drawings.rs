@@ -5,11 +5,11 @@ use world::report::{BAND, Span};
 
 use super::{
     Found,
-    chart::{Chart, pieces, thinned},
     figures::{HistogramFigures, ScheduleFigures},
     guidance::Position,
     page::MOST,
 };
+use crate::page::chart::{Chart, pieces, thinned};
 
 /// Longest time between two points of a curve, s.
 const TOGETHER: f64 = 1.0;

@@ -1,6 +1,5 @@
 //! `analyse`: reads the log of a CAN bus and reports traffic, timing, guidance and events.
 
-mod chart;
 pub(crate) mod decode;
 mod drawings;
 mod events;

@@ -322,7 +322,7 @@ fn ready(
 
 /// The images of several vehicles, those with the same values built once.
 #[derive(Default)]
-pub(crate) struct BuiltImages(Vec<(Overrides, Arc<Images>)>);
+pub(crate) struct BuiltImages(Vec<(String, Overrides, Arc<Images>)>);
 
 impl BuiltImages {
     /// The images of this vehicle.
@@ -335,13 +335,14 @@ impl BuiltImages {
         workspace: &Workspace,
         vehicle: &Vehicle,
     ) -> Result<Arc<Images>, Failure> {
+        let (name, set) = (vehicle.name(), vehicle.overrides());
         let mut built = self.0.iter();
-        if let Some((_, images)) = built.find(|(of, _)| of == vehicle.overrides()) {
+        if let Some((.., images)) = built.find(|(of, with, _)| of == name && with == set) {
             return Ok(Arc::clone(images));
         }
         let images = Arc::new(sim::images(workspace, vehicle)?);
-        self.0
-            .push((vehicle.overrides().clone(), Arc::clone(&images)));
+        let own = Arc::clone(&images);
+        self.0.push((name.to_owned(), set.clone(), own));
         Ok(images)
     }
 }
@@ -462,11 +463,11 @@ impl Job<'_> {
 
 /// Does all runs, as many at a time as there are processors, and shows how far they are: `name` says
 /// which one is done. The result of a run depends on its job alone, not on the thread or the order.
-fn run_all<J: Sync, T: Send>(
-    jobs: &[J],
+pub(crate) fn run_all<'j, J: Sync, T: Send, E: Send>(
+    jobs: &'j [J],
     name: &(dyn Fn(&J) -> String + Sync),
-    make: &(dyn Fn(&J) -> Result<T, Error> + Sync),
-) -> Result<Vec<T>, Error> {
+    make: &(dyn Fn(&'j J) -> Result<T, E> + Sync),
+) -> Result<Vec<T>, E> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new((Vec::new(), Display::new()));
     let work = || {

@@ -19,19 +19,37 @@ use crate::{Failure, Workspace, cli::Sim, vehicle};
 /// no law to choose.
 pub(super) fn choose(workspace: &Workspace, options: &Sim) -> Result<(Vehicle, Scenario), Failure> {
     let own = options.changes.overrides();
-    let named = vehicle::with(workspace, &options.vehicle, &own)?;
     let name = match &options.scenario {
         Some(name) => name.clone(),
-        None => first_scenario(&named)?,
+        None => first_scenario(&vehicle::with(workspace, &options.vehicle, &own)?)?,
     };
-    let scenario = Scenario::find(&named, &name).map_err(Error::from)?;
-    let set = scenario.set.clone().and(own);
-    let mut vehicle = vehicle::with(workspace, &options.vehicle, &set)?;
+    let (vehicle, scenario) = with(workspace, &options.vehicle, &name, &own)?;
     let law = law(&vehicle, options)?;
-    if set != *named.overrides() || !law.is_empty() {
-        vehicle = vehicle::with(workspace, &options.vehicle, &set.and(law))?;
+    if law.is_empty() {
+        return Ok((vehicle, scenario));
     }
-    let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
+    with(workspace, vehicle.name(), &name, &own.and(law))
+}
+
+/// A vehicle with these values in place of its manifest's, and its scenario, whose own values count less.
+///
+/// # Errors
+///
+/// There is no such vehicle or scenario, its file is wrong, or a value is not accepted.
+pub(crate) fn with(
+    workspace: &Workspace,
+    vehicle: &str,
+    scenario: &str,
+    own: &Overrides,
+) -> Result<(Vehicle, Scenario), Failure> {
+    let named = vehicle::with(workspace, vehicle, own)?;
+    let found = Scenario::find(&named, scenario).map_err(Error::from)?;
+    let set = found.set.clone().and(own.clone());
+    if set == *own {
+        return Ok((named, found));
+    }
+    let vehicle = vehicle::with(workspace, vehicle, &set)?;
+    let scenario = Scenario::find(&vehicle, scenario).map_err(Error::from)?;
     Ok((vehicle, scenario))
 }
 
@@ -46,13 +64,9 @@ pub(crate) fn under(
     law: Law,
     scenario: &str,
 ) -> Result<(Vehicle, Scenario), Failure> {
-    let of = |set: &Overrides| vehicle::with(workspace, vehicle.name(), set);
     let law = Overrides::parse(&law_key(vehicle.manifest(), law)).map_err(Failure::Usage)?;
-    let found = Scenario::find(vehicle, scenario).map_err(Error::from)?;
-    let set = found.set.and(vehicle.overrides().clone()).and(law);
-    let vehicle = of(&set)?;
-    let scenario = Scenario::find(&vehicle, scenario).map_err(Error::from)?;
-    Ok((vehicle, scenario))
+    let own = vehicle.overrides().clone().and(law);
+    with(workspace, vehicle.name(), scenario, &own)
 }
 
 /// The value that chooses a law.
@@ -115,4 +129,63 @@ fn gains(manifest: &Manifest) -> Vec<(&'static str, f64)> {
             ("rover.thesis.integral", rover.thesis.integral),
         ]
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
+
+    use super::*;
+    use crate::cli;
+
+    /// The overrides of the vehicle that a command line chooses, or what it is told.
+    fn chosen(line: &str) -> Result<String, String> {
+        let words = ["xtask", "sim"].into_iter().chain(line.split(' '));
+        let Ok(cli::Request::Run(cli::Command::Sim(options))) =
+            cli::parse(words.map(OsString::from))
+        else {
+            panic!("not read: {line}");
+        };
+        let workspace = Workspace::find().unwrap();
+        let (vehicle, scenario) = choose(&workspace, &options).map_err(|why| why.to_string())?;
+        let missing = scenario.set.missing_in(vehicle.overrides());
+        assert!(missing.is_none(), "{line}: {missing:?}");
+        Ok(vehicle.overrides().environment())
+    }
+
+    #[test]
+    fn the_command_line_counts_before_the_scenario() {
+        let gains = "machine.thesis.cross_track=0.273;machine.thesis.heading=1.552;machine.thesis.steering_angle=2.257";
+        let scenario = "thesis-machine/one-metre-off";
+        assert_eq!(chosen(scenario), Ok(format!("machine.law=thesis;{gains}")));
+        assert_eq!(
+            chosen(&format!("{scenario} --law furrow")),
+            Ok(format!("machine.law=furrow;{gains}"))
+        );
+        let other = chosen(&format!("{scenario} --set machine.thesis.heading=2")).unwrap();
+        assert_eq!(
+            other,
+            format!("machine.law=thesis;{}", gains.replace("1.552", "2"))
+        );
+        assert_eq!(chosen("straight-line"), Ok(String::new()));
+    }
+
+    #[test]
+    fn gains_are_scaled_whoever_chose_them() {
+        assert_eq!(
+            chosen("thesis-machine/one-metre-off --gain-scale 0.5"),
+            Ok(
+                "machine.law=thesis;machine.thesis.cross_track=0.1365;machine.thesis.heading=0.776;\
+                machine.thesis.steering_angle=1.1285"
+                    .into()
+            )
+        );
+        let rover = chosen("field --vehicle row-follower --law thesis --gain-scale 2").unwrap();
+        assert_eq!(
+            rover,
+            "rover.law=thesis;rover.thesis.integral=0.0;rover.thesis.proportional=0.0036"
+        );
+        let refused = chosen("straight-line --gain-scale 2").unwrap_err();
+        assert!(refused.contains("--law thesis"), "{refused}");
+    }
 }

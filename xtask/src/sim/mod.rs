@@ -232,6 +232,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         length: options.seconds,
         tasks: folder.is_some(),
         live,
+        ..Wish::default()
     };
     let finished = match debugger {
         None => simulate(workspace, &vehicle, &scenario, wish)?,
@@ -468,6 +469,10 @@ pub(crate) struct Wish {
     pub length: Option<SimDuration>,
     /// Whether to keep what the cores execute.
     pub tasks: bool,
+    /// Whether to keep the characters on the lines between nodes and devices.
+    pub characters: bool,
+    /// Whether to show no progress, because others do.
+    pub quiet: bool,
     /// The pace, and the way of other programs to the bus.
     pub live: Option<Live>,
 }
@@ -492,9 +497,23 @@ pub(crate) fn simulate<'s>(
     wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
     let images = images(workspace, vehicle)?;
-    let twin = Twin::new(vehicle, scenario, wish.seed, &images).map_err(Error::from)?;
-    let agreement = Agreement::new(&images);
-    finish(vehicle, scenario, &images, twin, agreement, wish)
+    simulate_with(&images, vehicle, scenario, wish)
+}
+
+/// Runs a scenario with images that are built.
+///
+/// # Errors
+///
+/// An image is no program for its node, or a program did what its microcontroller does not allow.
+pub(crate) fn simulate_with<'s>(
+    images: &Images,
+    vehicle: &'s Vehicle,
+    scenario: &'s Scenario,
+    wish: Wish,
+) -> Result<Finished<'s>, Failure> {
+    let twin = Twin::new(vehicle, scenario, wish.seed, images).map_err(Error::from)?;
+    let agreement = Agreement::new(images);
+    finish(vehicle, scenario, images, twin, agreement, wish)
 }
 
 /// Lets a vehicle run on to the end.
@@ -510,9 +529,14 @@ fn finish<'s>(
     let Wish {
         seed,
         tasks: record_tasks,
+        characters,
+        quiet,
         mut live,
         ..
     } = wish;
+    if characters {
+        twin.note_characters();
+    }
     let matrix = Matrix::new(vehicle);
     let start = Instant::now();
     let mut display = Display::new();
@@ -525,10 +549,13 @@ fn finish<'s>(
             agreement.compare(&mut twin);
         }
         let (done, all) = (time::seconds(twin.now()), time::seconds(end));
-        display.show(|wall| {
+        let progress = |wall: Duration| {
             let pace = done / wall.as_secs_f64().max(1e-9);
             format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second")
-        });
+        };
+        if !quiet {
+            display.show(progress);
+        }
     }
     let outcome = twin.finish();
     display.end();
@@ -626,15 +653,53 @@ impl Finished<'_> {
         Ok((names, folder.finish()?))
     }
 
+    /// The vehicle.
+    pub(crate) fn vehicle(&self) -> &Vehicle {
+        self.vehicle
+    }
+
+    /// The messages and windows of its bus.
+    pub(crate) fn matrix(&self) -> &Matrix {
+        &self.matrix
+    }
+
+    /// What went over the bus, as a candump log.
+    pub(crate) fn candump(&self) -> String {
+        self.log.candump()
+    }
+
+    /// The characters on the lines of the devices, if they were kept.
+    pub(crate) fn characters(&self) -> &[world::Character] {
+        self.outcome.world.characters()
+    }
+
+    /// What the core of a node executed, if it was kept: begin, end, and the name of the task.
+    pub(crate) fn executed(&self, node: &str) -> Vec<(SimTime, SimTime, &str)> {
+        let mut nodes = self.outcome.nodes.iter().zip(&self.recordings);
+        let Some((node, recording)) = nodes.find(|(one, _)| one.name == node) else {
+            return Vec::new();
+        };
+        let handler = |exception| {
+            let mut tasks = node.load.tasks.iter();
+            tasks.find(|task| task.exception == exception)
+        };
+        let segments = recording.segments.iter();
+        let named = segments.filter_map(|one| {
+            let task = handler(one.exception)?;
+            Some((one.from, one.until, self.task_name(node.node, &task.name)))
+        });
+        named.collect()
+    }
+
     /// The name of a node.
     fn node_name(&self, node: NodeIndex) -> &str {
         self.nodes.get(node.0).map_or("", String::as_str)
     }
 
     /// Who sent the frame of that index.
-    fn sender(&self, index: usize) -> &str {
+    pub(crate) fn sender(&self, index: usize) -> &str {
         let node = self.log.senders.get(index);
-        let node = node.and_then(|&node| self.outcome.node_at(node));
+        let node = node.and_then(|&node| self.outcome.line_of(node));
         let name = node.and_then(|node| self.nodes.get(node.0));
         name.map_or(FOREIGN, String::as_str)
     }

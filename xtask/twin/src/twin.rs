@@ -132,6 +132,8 @@ pub struct Twin {
     guardian: Option<NodeIndex>,
     guarded: Vec<NodeIndex>,
     gates: Vec<GateChange>,
+    /// Foreign senders that drive the transmit line of a node.
+    babblers: Vec<(NodeId, NodeIndex)>,
     /// Bit rate of the bus, bit/s.
     bit_rate: u32,
 }
@@ -288,6 +290,7 @@ impl Twin {
             guardian: vehicle.guardian(),
             guarded: vehicle.guarded(),
             gates: Vec::new(),
+            babblers: Vec::new(),
             bit_rate: rate,
         };
         for input in Input::ALL {
@@ -315,6 +318,7 @@ impl Twin {
             steps: self.steps.clone(),
             guarded: self.guarded.clone(),
             gates: self.gates.clone(),
+            babblers: self.babblers.clone(),
             ..*self
         }
     }
@@ -394,6 +398,11 @@ impl Twin {
     #[must_use]
     pub fn world(&self) -> &World {
         &self.world
+    }
+
+    /// Keeps the characters on the lines between nodes and devices from now on.
+    pub fn note_characters(&mut self) {
+        self.world.note_characters();
     }
 
     /// The recorded bus traffic so far.
@@ -733,8 +742,10 @@ impl Twin {
     /// close: what the node sends if its controller or its program is broken.
     pub fn add_babbler(&mut self, node: NodeIndex) -> Option<NodeId> {
         let id = self.node(node).node()?;
-        let mut bus = self.network.bus();
-        Some(bus.add_tester_at(id, Tester::new().at_bit_rate(self.bit_rate)))
+        let tester = Tester::new().at_bit_rate(self.bit_rate);
+        let babbler = self.network.bus().add_tester_at(id, tester);
+        self.babblers.push((babbler, node));
+        Some(babbler)
     }
 
     /// When the bus guardian closed or opened gates, in order of time for each node.
@@ -769,6 +780,7 @@ impl Twin {
             world: self.world,
             chain: self.chain,
             gates: self.gates,
+            babblers: self.babblers,
         }
     }
 }
@@ -820,9 +832,20 @@ pub struct Outcome {
     pub chain: Chain,
     /// When the bus guardian closed or opened gates.
     pub gates: Vec<GateChange>,
+    /// Foreign senders that drove the transmit line of a node, with this node.
+    pub babblers: Vec<(NodeId, NodeIndex)>,
 }
 
 impl Outcome {
+    /// The node on whose transmit line this sender is: the node itself or one that babbles in its place;
+    /// `None` for testers.
+    #[must_use]
+    pub fn line_of(&self, id: NodeId) -> Option<NodeIndex> {
+        let mut babblers = self.babblers.iter();
+        let babbler = babblers.find(|(babbler, _)| *babbler == id);
+        babbler.map_or_else(|| self.node_at(id), |(_, node)| Some(*node))
+    }
+
     /// The node with this number on the bus, `None` for testers.
     #[must_use]
     pub fn node_at(&self, id: NodeId) -> Option<NodeIndex> {

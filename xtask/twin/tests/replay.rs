@@ -2,7 +2,7 @@
 
 mod program;
 
-use can_bus::{SimDuration, SimTime};
+use can_bus::{RecordKind, SimDuration, SimTime};
 use program::{Program, elf, vehicle};
 use std::collections::BTreeSet;
 use twin::part::Part;
@@ -34,10 +34,18 @@ fn counting() -> Program {
     program
 }
 
+/// A row of barriers, with more lines in front of it.
+fn scenario(more: &str) -> Scenario {
+    let row = "[[row.section]]\nkind = \"barriers\"\nlength = \"20 m\"\nwidth = \"2 m\"\n";
+    Scenario::parse(&vehicle(), "t", "t", &format!("{more}{row}")).unwrap()
+}
+
 fn twin() -> Twin {
+    of(&scenario(""))
+}
+
+fn of(scenario: &Scenario) -> Twin {
     let vehicle = vehicle();
-    let text = "[[row.section]]\nkind = \"barriers\"\nlength = \"20 m\"\nwidth = \"2 m\"\n";
-    let scenario = Scenario::parse(&vehicle, "t", "t", text).unwrap();
     let mut idle = Program::new();
     idle.sleep_for_ever();
     let node = |node: usize| match node {
@@ -46,7 +54,7 @@ fn twin() -> Twin {
         _ => elf(&idle, Part::F303),
     };
     let images = Images::new((0..4).map(node).collect());
-    Twin::new(&vehicle, &scenario, 1, &images).unwrap()
+    Twin::new(&vehicle, scenario, 1, &images).unwrap()
 }
 
 /// Counts the steps of the vehicle, and those that it has seen for the first time.
@@ -119,14 +127,26 @@ fn a_long_run_keeps_a_bounded_number_of_states_and_still_goes_back() {
 /// The images would be those of another vehicle than the scenario's.
 #[test]
 fn a_scenario_of_a_changed_vehicle_is_refused_by_the_unchanged_one() {
-    let vehicle = vehicle();
-    let text = "set = [\"rover.cruise=0.3\"]\n[[row.section]]\nkind = \"barriers\"\nlength = \"20 m\"\nwidth = \"2 m\"\n";
-    let scenario = Scenario::parse(&vehicle, "t", "t", text).unwrap();
-    let refused = Twin::new(&vehicle, &scenario, 1, &Images::default())
+    let scenario = scenario("set = [\"rover.cruise=0.3\"]\n");
+    let refused = Twin::new(&vehicle(), &scenario, 1, &Images::default())
         .err()
         .unwrap();
     assert_eq!(
         refused.to_string(),
         "scenario t is one of a vehicle with rover.cruise=0.3, which this one was not built with"
     );
+}
+
+/// No node has the number of the babbler, but one of them has its line.
+#[test]
+fn a_babbler_is_on_the_line_of_its_node() {
+    let babble = "[[babble]]\nnode = \"drive\"\nat = \"2 ms\"\nuntil = \"4 ms\"\nid = 0\n";
+    let mut twin = of(&scenario(babble));
+    twin.run_until(SimTime::from_ticks(SECOND / 100)).unwrap();
+    let outcome = twin.finish();
+    let mut records = outcome.records.iter();
+    let begun = records.find(|record| matches!(record.kind, RecordKind::FrameStart { .. }));
+    let babbler = begun.unwrap().node;
+    assert_eq!(outcome.node_at(babbler), None);
+    assert_eq!(outcome.line_of(babbler), Some(NodeIndex(3)));
 }

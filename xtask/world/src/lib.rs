@@ -42,7 +42,9 @@ pub mod vehicle;
 pub mod victor;
 mod world;
 
-pub use record::{Counters, EffortChange, Garble, RelayChange, ScreenChange, StateSample};
+pub use record::{
+    Character, Counters, EffortChange, Garble, RelayChange, ScreenChange, StateSample,
+};
 pub use scenario::{DURATIONS, Scenario, ScenarioError};
 pub use signal::{Analog, Input};
 pub use time::{SimDuration, SimTime};

@@ -2,7 +2,7 @@
 
 use crate::receiver::Fix;
 use crate::time::SimTime;
-use vehicle_model::NodeIndex;
+use vehicle_model::{Device, NodeIndex};
 
 /// The vehicle at one instant.
 #[derive(Copy, Clone, Debug, PartialEq)]
@@ -59,6 +59,21 @@ pub struct ScreenChange {
     /// Its four rows, and one with the colours of the lamps, as
     /// [`Display::text`](crate::lcd::Display::text) tells them.
     pub text: String,
+}
+
+/// A character on the line between a node and one of its devices.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub struct Character {
+    /// End of its stop bit.
+    pub at: SimTime,
+    /// The node.
+    pub node: NodeIndex,
+    /// The device.
+    pub device: Device,
+    /// The byte.
+    pub byte: u8,
+    /// Whether the node sent it.
+    pub from_node: bool,
 }
 
 /// A motor driver read something that was not sent to it.

@@ -17,7 +17,9 @@ use crate::line::{Heard, Wave};
 use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
-use crate::record::{Counters, EffortChange, Garble, RelayChange, ScreenChange, StateSample};
+use crate::record::{
+    Character, Counters, EffortChange, Garble, RelayChange, ScreenChange, StateSample,
+};
 use crate::rover::Side;
 use crate::row_drive::{RowDrive, Setting};
 use crate::scenario::{BusEvent, Clock, LARGEST_ERROR, Scenario};
@@ -256,6 +258,8 @@ pub struct World {
     fixes: Vec<(SimTime, Fix)>,
     motors: Vec<Driver>,
     screen: Screen,
+    /// Characters on the lines of devices, if they are kept.
+    characters: Option<Vec<Character>>,
     analogs: Vec<(NodeIndex, Analog)>,
     /// The nodes to which the operator's inputs are wired.
     inputs: [Option<NodeIndex>; Input::ALL.len()],
@@ -319,6 +323,7 @@ impl World {
             receiver,
             fixes: fixes(scenario),
             motors: motors(vehicle, parameters, seed),
+            characters: None,
             screen: Screen {
                 node: vehicle.node_of(Device::Display),
                 display: Box::new(display),
@@ -459,6 +464,12 @@ impl World {
     }
 
     fn push(&mut self, at: SimTime, what: Effect) {
+        if let Effect::Byte {
+            node, device, byte, ..
+        } = what
+        {
+            self.note(at, node, device, byte, false);
+        }
         self.order += 1;
         self.queue.push(Reverse(Queued {
             at,
@@ -754,12 +765,36 @@ impl World {
 
     /// A node sent a character to one of its devices.
     pub fn wave(&mut self, node: NodeIndex, device: Device, wave: &Wave) {
+        self.note(wave.end(), node, device, wave.byte, true);
         if device.has_relay() {
             self.motor(node, wave);
         } else if device == Device::Display && self.screen.node == Some(node) {
             self.show(node, wave.byte, wave.start(), wave.end());
         } else {
             self.counters.unheard_bytes += 1;
+        }
+    }
+
+    /// Keeps the characters on the lines of all devices from now on.
+    pub fn note_characters(&mut self) {
+        self.characters.get_or_insert_default();
+    }
+
+    /// The characters that were kept, in the order in which they were known.
+    #[must_use]
+    pub fn characters(&self) -> &[Character] {
+        self.characters.as_deref().unwrap_or_default()
+    }
+
+    fn note(&mut self, at: SimTime, node: NodeIndex, device: Device, byte: u8, from_node: bool) {
+        if let Some(characters) = &mut self.characters {
+            characters.push(Character {
+                at,
+                node,
+                device,
+                byte,
+                from_node,
+            });
         }
     }
 

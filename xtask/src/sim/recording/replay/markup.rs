@@ -5,7 +5,7 @@ use world::report::{Summary, terminal};
 use world::time::seconds;
 
 use super::super::super::Finished;
-use crate::analyse::page::STYLE;
+use crate::page::head;
 
 /// The page's own style, beside that of all pages.
 const OWN_STYLE: &str = include_str!("page.css");
@@ -28,12 +28,7 @@ pub(super) fn markup(
     let page = html! {
         (DOCTYPE)
         html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
-                style { (PreEscaped(STYLE)) (PreEscaped(OWN_STYLE)) }
-            }
+            (head(title, OWN_STYLE))
             body data-state="loading" {
                 a.skip href="#main" { "Skip to the run" }
                 h1 { (title) }

@@ -5,8 +5,10 @@ use std::fmt::Write as _;
 use maud::{Markup, html};
 use world::report::Span;
 
+use super::STYLE;
+
 /// Width of every chart, in its own units.
-pub(super) const WIDTH: f64 = 960.0;
+pub(crate) const WIDTH: f64 = 960.0;
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 14.0;
@@ -16,7 +18,7 @@ const BELOW: f64 = 44.0;
 const POINTS: usize = 2 * WIDTH as usize;
 
 /// A chart under construction.
-pub(super) struct Chart {
+pub(crate) struct Chart {
     /// Name of the chart, unlike that of all others on the page.
     id: &'static str,
     x: Span,
@@ -38,7 +40,7 @@ fn wide(span: Span) -> Span {
 
 impl Chart {
     /// A chart whose inner part has this height.
-    pub(super) fn new(id: &'static str, x: Span, y: Span, height: f64) -> Self {
+    pub(crate) fn new(id: &'static str, x: Span, y: Span, height: f64) -> Self {
         Self {
             id,
             x: wide(x),
@@ -51,19 +53,19 @@ impl Chart {
     }
 
     /// The same with values that increase downwards.
-    pub(super) fn down(mut self) -> Self {
+    pub(crate) fn down(mut self) -> Self {
         self.down = true;
         self
     }
 
     /// The same with more room for labels on the left.
-    pub(super) fn labels(mut self, left: f64) -> Self {
+    pub(crate) fn labels(mut self, left: f64) -> Self {
         self.left = left;
         self
     }
 
     /// Width of the inner part.
-    pub(super) const fn inner() -> f64 {
+    pub(crate) const fn inner() -> f64 {
         WIDTH - LEFT - RIGHT
     }
 
@@ -83,7 +85,7 @@ impl Chart {
     }
 
     /// Numbers and grid of the horizontal axis, and its name.
-    pub(super) fn x_axis(&mut self, name: &str) {
+    pub(crate) fn x_axis(&mut self, name: &str) {
         let (ticks, digits) = self.x.ticks(((WIDTH - self.left) / 80.0) as usize);
         let bottom = self.bottom();
         for tick in ticks {
@@ -100,7 +102,7 @@ impl Chart {
     }
 
     /// Numbers and grid of the vertical axis, and its name.
-    pub(super) fn y_axis(&mut self, name: &str) {
+    pub(crate) fn y_axis(&mut self, name: &str) {
         let (ticks, digits) = self.y.ticks((self.height / 28.0) as usize);
         for tick in ticks {
             let y = self.y(tick);
@@ -116,7 +118,7 @@ impl Chart {
     }
 
     /// A rectangle between two values of each axis, cut off at the chart's edges.
-    pub(super) fn area(&mut self, x: Span, y: Span, class: &str, what: &str) {
+    pub(crate) fn area(&mut self, x: Span, y: Span, class: &str, what: &str) {
         let edge = |value: f64| value.clamp(self.left, WIDTH - RIGHT);
         let (left, right) = (edge(self.x(x.from)), edge(self.x(x.to)));
         let edge = |value: f64| value.clamp(TOP, TOP + self.height);
@@ -130,17 +132,17 @@ impl Chart {
     }
 
     /// A range of the horizontal axis over the whole height.
-    pub(super) fn shade(&mut self, x: Span, class: &str, what: &str) {
+    pub(crate) fn shade(&mut self, x: Span, class: &str, what: &str) {
         self.area(x, self.y, class, what);
     }
 
     /// A range of the vertical axis over the whole width.
-    pub(super) fn band(&mut self, y: Span, class: &str) {
+    pub(crate) fn band(&mut self, y: Span, class: &str) {
         self.area(self.x, y, class, "");
     }
 
     /// A line between two points.
-    pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), class: &str) {
+    pub(crate) fn line(&mut self, from: (f64, f64), to: (f64, f64), class: &str) {
         self.shapes.push(html! {
             line class=(class) x1=(px(self.x(from.0))) y1=(px(self.y(from.1)))
                 x2=(px(self.x(to.0))) y2=(px(self.y(to.1))) {}
@@ -148,12 +150,12 @@ impl Chart {
     }
 
     /// A line over the whole width.
-    pub(super) fn level(&mut self, y: f64, class: &str) {
+    pub(crate) fn level(&mut self, y: f64, class: &str) {
         self.line((self.x.from, y), (self.x.to, y), class);
     }
 
     /// A dot with a word beside it.
-    pub(super) fn dot(&mut self, at: (f64, f64), class: &str, word: &str) {
+    pub(crate) fn dot(&mut self, at: (f64, f64), class: &str, word: &str) {
         let (x, y) = (self.x(at.0), self.y(at.1));
         let above = if y < TOP + 20.0 { 18.0 } else { -9.0 };
         let anchor = if x > WIDTH - 80.0 { "end" } else { "start" };
@@ -164,14 +166,14 @@ impl Chart {
     }
 
     /// A label left of the chart.
-    pub(super) fn label(&mut self, y: f64, text: &str) {
+    pub(crate) fn label(&mut self, y: f64, text: &str) {
         self.shapes.push(html! {
             text x=(px(self.left - 6.0)) y=(px(self.y(y) + 4.0)) text-anchor="end" { (text) }
         });
     }
 
     /// A curve in pieces, cut off at the chart's edges.
-    pub(super) fn curve(&mut self, pieces: &[Vec<(f64, f64)>], class: &str) {
+    pub(crate) fn curve(&mut self, pieces: &[Vec<(f64, f64)>], class: &str) {
         let mut path = String::new();
         for piece in pieces {
             for (index, point) in piece.iter().enumerate() {
@@ -186,7 +188,7 @@ impl Chart {
     }
 
     /// The chart; `title` and `description` are for screen readers, too.
-    pub(super) fn finish(self, title: &str, description: &str) -> Markup {
+    pub(crate) fn finish(self, title: &str, description: &str) -> Markup {
         let id = self.id;
         let (left, width) = (self.left, WIDTH - self.left - RIGHT);
         let (title_id, text_id) = (format!("{id}-title"), format!("{id}-text"));
@@ -211,6 +213,18 @@ impl Chart {
     }
 }
 
+/// A finished chart as a picture of its own.
+pub(crate) fn standalone(chart: &Markup) -> String {
+    let text = chart.0.as_str();
+    let begin = text.find("<svg").unwrap_or(0);
+    let end = text
+        .rfind("</svg>")
+        .map_or(text.len(), |at| at + "</svg>".len());
+    let picture = text.get(begin..end).unwrap_or_default();
+    let named = picture.replacen("<svg", "<svg xmlns=\"http://www.w3.org/2000/svg\"", 1);
+    named.replacen('>', &format!("><style>{STYLE}</style>"), 1)
+}
+
 /// A length of the picture.
 fn px(value: f64) -> String {
     format!("{value:.1}")
@@ -227,7 +241,7 @@ fn number(value: f64, digits: usize) -> String {
 }
 
 /// Points in order, in pieces: between two of them the curve breaks if `breaks` says so.
-pub(super) fn pieces(
+pub(crate) fn pieces(
     points: &[(f64, f64)],
     breaks: impl Fn((f64, f64), (f64, f64)) -> bool,
 ) -> Vec<Vec<(f64, f64)>> {
@@ -237,7 +251,7 @@ pub(super) fn pieces(
 
 /// Few points that look the same: of each of many equal parts of the horizontal axis the first, the
 /// least, the greatest and the last one of each piece, in their order.
-pub(super) fn thinned(pieces: Vec<Vec<(f64, f64)>>) -> Vec<Vec<(f64, f64)>> {
+pub(crate) fn thinned(pieces: Vec<Vec<(f64, f64)>>) -> Vec<Vec<(f64, f64)>> {
     let count: usize = pieces.iter().map(Vec::len).sum();
     let ends = pieces
         .iter()
