@@ -12,7 +12,7 @@ use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
     selftest::Bus,
-    sim::Can,
+    sim::{Can, SPEEDS, Speed},
     vehicle::{DEFAULT, SMALLEST},
 };
 
@@ -345,6 +345,7 @@ pub enum Kind {
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
     cargo xtask sim --can slcan:target/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
     \x20 cargo xtask selftest --bus slcan:target/bus\n  \
+    cargo xtask sim --watch                        the run on the terminal, as it happens; --watch=10 faster\n  \
     cargo xtask sim --faults 200                   random faults\n  \
     cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
     \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
@@ -424,6 +425,11 @@ pub struct Sim {
     #[arg(long, value_name = "SPEED", num_args = 0..=1, require_equals = true, default_missing_value = "1",
         value_parser = speed, conflicts_with_all = ["faults", "experiment", "list"])]
     pub real_time: Option<f64>,
+    /// Show the run on the terminal at the pace of real time, with =SPEED at so many times that, or with =max as
+    /// fast as it can: track, errors, display, nodes, bus and events; the key ? tells the keys
+    #[arg(long, value_name = "SPEED", num_args = 0..=1, require_equals = true, default_missing_value = "1",
+        conflicts_with_all = ["faults", "experiment", "list", "json", "gdb", "real_time"])]
+    pub watch: Option<Speed>,
     /// Let other programs join the virtual bus, at the pace of real time: slcan, slcan:LINK or
     /// socketcan:INTERFACE
     #[arg(long, value_name = "BUS", conflicts_with_all = ["faults", "experiment", "list"])]
@@ -468,8 +474,11 @@ fn wall_seconds(text: &str) -> Result<Duration, String> {
 
 fn speed(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
-    let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
-    speed.ok_or_else(|| "a number from 0.001 to 100 is accepted".to_owned())
+    let speed = number.filter(|speed| SPEEDS.contains(speed));
+    speed.ok_or_else(|| {
+        let (from, to) = (SPEEDS.start(), SPEEDS.end());
+        format!("a number from {from} to {to} is accepted")
+    })
 }
 
 fn seconds(text: &str) -> Result<SimDuration, String> {
