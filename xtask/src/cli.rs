@@ -618,18 +618,22 @@ pub struct Monitor {
 #[command(after_help = "Examples:\n  \
     cargo xtask analyse run/bus.log               the log of a run of `sim --out run`\n  \
     cargo xtask analyse drive.log --out drive     and drive/analysis.html, a page with tracks and timing\n  \
+    cargo xtask analyse run/run.mcap              the recording of a run, or one of a robot with ROS\n  \
     cargo xtask analyse one.log two.log           a drive whose log was split, in order of time\n  \
     cargo xtask analyse bench.log --vehicle two-boards --interface can1\n  \
     cargo xtask analyse drive.log --json          everything as JSON, times in seconds\n\n\
     Formats, recognised by the lines: candump (-l, -L, and its screen with -t a, z or A),\n\
     Vector ASC, Kvaser CanKing text, Kvaser Memorator text and CSV.\n\
+    MCAP, whole, with chunks that are packed by zstd, lz4 or not at all: channels with the schemas\n\
+    furrow.Frame (JSON, of `sim --out`), can_msgs/msg/Frame (CDR of ROS 2) and can_msgs/Frame (ROS 1).\n\
+    A channel's topic is its interface; the stamp of the driver counts before that of the recorder.\n\
     CAN FD frames, error frames and lines that cannot be read are skipped and counted. Loggers stamp\n\
     the end of a frame; its start is taken to be its length in bits earlier.\n\n\
     A frame is in its window if it starts in it, or early by up to half of it. A window is missed if it\n\
     stays empty after its message has come once. Where the time stamps go back, the time goes on; behind\n\
     a gap nothing is known until it is told again.\n\n\
     --out writes analysis.html, analysis.json, events.csv and messages.csv (a row for each signal of\n\
-    each frame).")]
+    each frame), and both tables as Parquet: events.parquet and messages.parquet.")]
 pub struct Analyse {
     /// Logs of one drive, in order of time
     #[arg(value_name = "LOG", required = true)]
