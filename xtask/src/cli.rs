@@ -343,6 +343,8 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
+    cargo xtask sim --experiment thesis-7 --out thesis --resume\n                                                 \
+    \x20 goes on with it where it was interrupted\n  \
     cargo xtask sim --can slcan:target/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
     \x20 cargo xtask selftest --bus slcan:target/bus\n  \
     cargo xtask sim --watch                        the run on the terminal, as it happens; --watch=10 faster\n  \
@@ -391,7 +393,7 @@ pub struct Sim {
     )]
     pub seed: u64,
     /// Run an experiment instead: scenarios with many seeds, checked against aims
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
+    #[arg(long, value_name = "NAME", group = "many", conflicts_with_all = ["scenario", "seconds", "list"])]
     pub experiment: Option<String>,
     /// Number of seeds of an experiment, from --seed upwards
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
@@ -404,7 +406,8 @@ pub struct Sim {
     pub quick: bool,
     /// Run N random fault sequences instead, with seeds from --seed upwards, and report
     /// those that broke a rule
-    #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
+    #[arg(long, value_name = "N", group = "many",
+        conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
         allow_hyphen_values = true, value_parser = whole::<u64>(1..=100_000_000))]
     pub faults: Option<u64>,
     /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
@@ -415,8 +418,9 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
-    /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
-    #[arg(long, requires_all = ["faults", "out"])]
+    /// Go on with fault sequences or with an experiment that was interrupted: what is done stands in the folder of
+    /// --out
+    #[arg(long, requires_all = ["many", "out"], conflicts_with = "quick")]
     pub resume: bool,
     /// Exit with 0 if the fault sequences were run, even if one broke a rule: `campaign merge` judges them
     #[arg(long, requires = "shard")]
