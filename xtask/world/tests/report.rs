@@ -402,6 +402,19 @@ fn each_expectation_is_judged_by_what_the_run_shows() {
         judged(&made, &early),
         (Judgement::Met, "1 frames of it".into())
     );
+    let never = format!("{status}from = \"10 s\"");
+    assert_eq!(
+        judged(&made, &never),
+        (Judgement::Open, "the run ended at 10 s".into())
+    );
+    let text = format!("duration = \"10 s\"\n[[expect]]\n{never}");
+    let error = Scenario::parse(&uagv::vehicle(), "made", "made", &text).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("its period begins at 10 s, when the run ends"),
+        "{error}"
+    );
     let late = format!("{status}from = \"5 s\"");
     assert_eq!(
         judged(&made, &late),
