@@ -676,6 +676,8 @@ impl Finished<'_> {
             GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
         });
         summary.bus.gates = self.gates();
+        // Where no frame was on the bus, an error frame destroys none, and the frames alone do not show it.
+        summary.bus.error_frames = self.log.errors.len() as u64;
         summary
     }
 
