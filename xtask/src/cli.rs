@@ -12,7 +12,7 @@ use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
     selftest::Bus,
-    sim::Can,
+    sim::{Can, SPEEDS, Speed},
     vehicle::{DEFAULT, SMALLEST},
 };
 
@@ -347,8 +347,11 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
+    cargo xtask sim --experiment thesis-7 --out thesis --resume\n                                                 \
+    \x20 goes on with it where it was interrupted\n  \
     cargo xtask sim --can slcan:target/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
     \x20 cargo xtask selftest --bus slcan:target/bus\n  \
+    cargo xtask sim --watch                        the run on the terminal, as it happens; --watch=10 faster\n  \
     cargo xtask sim --faults 200                   random faults\n  \
     cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
     \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
@@ -403,7 +406,7 @@ pub struct Sim {
         conflicts_with_all = ["experiment", "faults", "list"])]
     pub gain_scale: Option<f64>,
     /// Run an experiment instead: scenarios with many seeds, checked against aims
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
+    #[arg(long, value_name = "NAME", group = "many", conflicts_with_all = ["scenario", "seconds", "list"])]
     pub experiment: Option<String>,
     /// Number of seeds of an experiment, from --seed upwards
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
@@ -416,7 +419,8 @@ pub struct Sim {
     pub quick: bool,
     /// Run N random fault sequences instead, with seeds from --seed upwards, and report
     /// those that broke a rule
-    #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
+    #[arg(long, value_name = "N", group = "many",
+        conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
         allow_hyphen_values = true, value_parser = whole::<u64>(1..=100_000_000))]
     pub faults: Option<u64>,
     /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
@@ -427,8 +431,9 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
-    /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
-    #[arg(long, requires_all = ["faults", "out"])]
+    /// Go on with fault sequences or with an experiment that was interrupted: what is done stands in the folder of
+    /// --out
+    #[arg(long, requires_all = ["many", "out"], conflicts_with = "quick")]
     pub resume: bool,
     /// Exit with 0 if the fault sequences were run, even if one broke a rule: `campaign merge` judges them
     #[arg(long, requires = "shard")]
@@ -437,6 +442,11 @@ pub struct Sim {
     #[arg(long, value_name = "SPEED", num_args = 0..=1, require_equals = true, default_missing_value = "1",
         value_parser = speed, conflicts_with_all = ["faults", "experiment", "list"])]
     pub real_time: Option<f64>,
+    /// Show the run on the terminal at the pace of real time, with =SPEED at so many times that, or with =max as
+    /// fast as it can: track, errors, display, nodes, bus and events; the key ? tells the keys
+    #[arg(long, value_name = "SPEED", num_args = 0..=1, require_equals = true, default_missing_value = "1",
+        conflicts_with_all = ["faults", "experiment", "list", "json", "gdb", "real_time"])]
+    pub watch: Option<Speed>,
     /// Let other programs join the virtual bus, at the pace of real time: slcan, slcan:LINK or
     /// socketcan:INTERFACE
     #[arg(long, value_name = "BUS", conflicts_with_all = ["faults", "experiment", "list"])]
@@ -481,8 +491,11 @@ fn wall_seconds(text: &str) -> Result<Duration, String> {
 
 fn speed(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
-    let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
-    speed.ok_or_else(|| "a number from 0.001 to 100 is accepted".to_owned())
+    let speed = number.filter(|speed| SPEEDS.contains(speed));
+    speed.ok_or_else(|| {
+        let (from, to) = (SPEEDS.start(), SPEEDS.end());
+        format!("a number from {from} to {to} is accepted")
+    })
 }
 
 fn law(text: &str) -> Result<Law, String> {
@@ -658,18 +671,22 @@ pub struct Figures {
 #[command(after_help = "Examples:\n  \
     cargo xtask analyse run/bus.log               the log of a run of `sim --out run`\n  \
     cargo xtask analyse drive.log --out drive     and drive/analysis.html, a page with tracks and timing\n  \
+    cargo xtask analyse run/run.mcap              the recording of a run, or one of a robot with ROS\n  \
     cargo xtask analyse one.log two.log           a drive whose log was split, in order of time\n  \
     cargo xtask analyse bench.log --vehicle two-boards --interface can1\n  \
     cargo xtask analyse drive.log --json          everything as JSON, times in seconds\n\n\
     Formats, recognised by the lines: candump (-l, -L, and its screen with -t a, z or A),\n\
     Vector ASC, Kvaser CanKing text, Kvaser Memorator text and CSV.\n\
+    MCAP, whole, with chunks that are packed by zstd, lz4 or not at all: channels with the schemas\n\
+    furrow.Frame (JSON, of `sim --out`), can_msgs/msg/Frame (CDR of ROS 2) and can_msgs/Frame (ROS 1).\n\
+    A channel's topic is its interface; the stamp of the driver counts before that of the recorder.\n\
     CAN FD frames, error frames and lines that cannot be read are skipped and counted. Loggers stamp\n\
     the end of a frame; its start is taken to be its length in bits earlier.\n\n\
     A frame is in its window if it starts in it, or early by up to half of it. A window is missed if it\n\
     stays empty after its message has come once. Where the time stamps go back, the time goes on; behind\n\
     a gap nothing is known until it is told again.\n\n\
     --out writes analysis.html, analysis.json, events.csv and messages.csv (a row for each signal of\n\
-    each frame).")]
+    each frame), and both tables as Parquet: events.parquet and messages.parquet.")]
 pub struct Analyse {
     /// Logs of one drive, in order of time
     #[arg(value_name = "LOG", required = true)]

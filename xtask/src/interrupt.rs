@@ -11,6 +11,8 @@ use std::{
 
 /// Files that an end removes.
 static FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// What gives the terminal back to the shell.
+static RESTORE: Mutex<Option<fn()>> = Mutex::new(None);
 /// Whether the command ends by itself when it is asked to.
 static ENDS: AtomicBool = AtomicBool::new(false);
 /// Whether it has been asked to.
@@ -28,6 +30,35 @@ pub(crate) fn remove_when_interrupted(file: &Path) {
 /// Takes [`remove_when_interrupted`] back.
 pub(crate) fn keep(file: &Path) {
     files().retain(|one| one != file);
+}
+
+/// From now on an interrupted command calls `restore` before it ends; with `None` no more.
+pub(crate) fn restore_when_interrupted(restore: Option<fn()>) {
+    *RESTORE.lock().unwrap_or_else(PoisonError::into_inner) = restore;
+}
+
+/// Ends the command as Ctrl-C does, where the terminal hands that over as a key.
+pub(crate) fn end() -> ! {
+    // SIGINT has this number on every system.
+    end_by(2)
+}
+
+/// Leaves no unfinished folder behind and ends, with the exit code that a shell gives for the signal.
+fn end_by(signal: i32) -> ! {
+    let restore = RESTORE
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
+    if let Some(restore) = restore {
+        restore();
+    }
+    world::report::remove_unfinished();
+    for file in files().drain(..) {
+        // If this fails, the next run removes it.
+        let _ = fs::remove_file(file);
+    }
+    eprintln!("interrupted");
+    std::process::exit(128 + signal)
 }
 
 /// From now on the first Ctrl-C, or request of the system to end, makes [`asked`] true, and the command
@@ -57,13 +88,7 @@ pub fn clean_up_on_signals() {
             if ENDS.load(Ordering::Relaxed) && !ASKED.swap(true, Ordering::Relaxed) {
                 continue;
             }
-            world::report::remove_unfinished();
-            for file in files().drain(..) {
-                // If this fails, the next run removes it.
-                let _ = fs::remove_file(file);
-            }
-            eprintln!("interrupted");
-            std::process::exit(128 + signal);
+            end_by(signal);
         }
     });
 }

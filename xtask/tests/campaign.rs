@@ -191,3 +191,61 @@ fn gnu_parallel_runs_the_parts_and_collects_them() {
     assert!(said.contains("3 fault sequences"), "{said}");
     assert!(dir.join("faults.json").exists());
 }
+
+/// A full disk ends a campaign at its next sequence, in a sentence, and what was done is kept.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_campaign_ends_when_nothing_can_be_kept() {
+    if Command::new("prlimit").arg("--version").output().is_err() {
+        eprintln!("skipped: no prlimit makes files too large");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let journal = out.join("faults.journal");
+    // Ignored, the signal for a file that is too large leaves the error of the system.
+    let mut run = Command::new("sh")
+        .args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"])
+        .arg(env!("CARGO_BIN_EXE_xtask"))
+        .args([
+            "sim",
+            "--vehicle",
+            "two-boards",
+            "--faults",
+            "100000",
+            "--out",
+        ])
+        .arg(&out)
+        .current_dir(Workspace::find().unwrap().root())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let begin = Instant::now();
+    let kept = || fs::read_to_string(&journal).unwrap_or_default();
+    while kept().lines().count() < 2 {
+        assert_eq!(run.try_wait().unwrap(), None);
+        assert!(
+            begin.elapsed() < Duration::from_secs(300),
+            "no sequence ends"
+        );
+        thread::sleep(Duration::from_millis(20));
+    }
+    let pid = format!("--pid={}", run.id());
+    let limit = format!("--fsize={}", kept().len() + 10);
+    let limited = Command::new("prlimit").args([pid, limit]).status();
+    assert!(limited.unwrap().success());
+    while run.try_wait().unwrap().is_none() {
+        assert!(begin.elapsed() < Duration::from_secs(600), "it goes on");
+        thread::sleep(Duration::from_millis(50));
+    }
+    let output = run.wait_with_output().unwrap();
+    let said = sentence(&output);
+    assert!(said.contains("faults.journal cannot be used"), "{said}");
+    let report = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        report.contains("sequences"),
+        "what was done is told: {report}"
+    );
+    assert!(kept().lines().count() >= 2);
+}

@@ -67,6 +67,26 @@ fn nodes_that_keep_to_their_windows_are_present() {
     assert!(text.contains("drive       present"), "{text}");
 }
 
+/// The motors of the row follower send no message of their own, except reports of a self-test.
+#[test]
+fn a_node_that_seldom_sends_is_quiet_and_not_dead() {
+    let workspace = Workspace::find().unwrap();
+    let vehicle = vehicle::find(&workspace, "row-follower").unwrap();
+    let mut watch = Watch::new(&vehicle);
+    let messages = &vehicle.network().messages;
+    for node in ["motors", "feedback"] {
+        let mut own = messages.iter().filter(|message| message.sender == node);
+        let frame = Frame::standard(own.next().unwrap().id, &[0; 8]).unwrap();
+        watch.take(Duration::from_millis(10), &frame);
+    }
+    let soon = watch.picture(Duration::from_millis(11));
+    let later = watch.picture(Duration::from_secs(5));
+    for (node, class_later) in [("motors", Class::Quiet), ("feedback", Class::Dead)] {
+        assert_eq!(class(&soon, node), Class::Present, "{node}");
+        assert_eq!(class(&later, node), class_later, "{node}");
+    }
+}
+
 #[test]
 fn nodes_that_do_not_behave_are_named() {
     let mut watch = watch();

@@ -77,6 +77,34 @@ fn a_run_is_kept_whole() {
     in_a_browser(&run);
 }
 
+/// An error frame counts in report and log alike, also one that destroys no frame.
+#[test]
+fn report_and_log_count_the_same_error_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = folder.path().join("held.toml");
+    let text = "summary = \"the bus is held\"\nduration = \"1 s\"\n\
+        [[bus]]\nwhat = \"dominant\"\nat = \"503 ms\"\nhold = \"1 ms\"\n\
+        [[bus]]\nwhat = \"dominant\"\nat = \"650 ms\"\nhold = \"1 ms\"\n";
+    fs::write(&scenario, text).unwrap();
+    let out = folder.path().join("run");
+    let done = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(["sim", "--vehicle", "two-boards"])
+        .arg(&scenario)
+        .arg("--out")
+        .arg(&out)
+        .current_dir(Workspace::find().unwrap().root())
+        .output()
+        .unwrap();
+    assert!(done.status.success(), "{done:?}");
+    let bus = fs::read_to_string(out.join("bus.log")).unwrap();
+    let logged = bus.lines().filter(|line| line.contains(" can0 2000"));
+    let logged = logged.count();
+    let summary = fs::read(out.join("summary.json")).unwrap();
+    let summary: Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["bus"]["error_frames"], logged);
+    assert_eq!(logged, 2);
+}
+
 fn texts(run: &Path) {
     let read = |name: &str| fs::read_to_string(run.join(name)).unwrap();
     let log = read("log-controller.txt");

@@ -8,7 +8,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::attack::Tally;
 use crate::options::Shard;
@@ -39,6 +39,13 @@ struct Entry {
 /// The file of a campaign that runs.
 #[derive(Debug)]
 pub struct Journal {
+    lines: Lines,
+}
+
+/// A file of JSON lines that is written while something runs: a heading that says what runs, and an entry for
+/// each part of it that is done.
+#[derive(Debug)]
+pub struct Lines {
     file: File,
 }
 
@@ -48,8 +55,8 @@ pub enum JournalError {
     /// It cannot be read or written.
     #[error(transparent)]
     File(#[from] io::Error),
-    /// It is that of another campaign.
-    #[error("it is the journal of another campaign, or of other images")]
+    /// It is that of something else.
+    #[error("it is the journal of another campaign or experiment, or of other images")]
     Other,
     /// It is a device, a pipe or a folder.
     #[error("it is no regular file")]
@@ -81,6 +88,50 @@ impl Journal {
         campaign: &Campaign,
         shard: Shard,
     ) -> Result<(Self, Vec<Verdict>), JournalError> {
+        let heading = Heading {
+            campaign: campaign.clone(),
+            shard,
+        };
+        let (lines, entries) = Lines::open::<_, Entry>(path, &heading)?;
+        let mut done = Vec::new();
+        let mut seeds = BTreeSet::new();
+        // The heading is the first line.
+        for (line, entry) in (2..).zip(entries) {
+            let seed = entry.verdict.seed;
+            if !heading.has(seed) || !seeds.insert(seed) {
+                return Err(JournalError::Stray { line });
+            }
+            done.push(Verdict {
+                tally: entry.tally,
+                ..entry.verdict
+            });
+        }
+        Ok((Self { lines }, done))
+    }
+
+    /// Adds the verdict of a sequence. It is on the disk when this returns, as far as the system
+    /// tells.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn add(&mut self, verdict: &Verdict) -> io::Result<()> {
+        self.lines.add(&Entry {
+            verdict: verdict.clone(),
+            tally: verdict.tally.clone(),
+        })
+    }
+}
+
+impl Lines {
+    /// Opens the file at `path`, which may exist or not, and returns the entries in it.
+    ///
+    /// # Errors
+    /// It has another heading, belongs to a process that runs, or cannot be read or written.
+    pub fn open<H, E>(path: &Path, heading: &H) -> Result<(Self, Vec<E>), JournalError>
+    where
+        H: Serialize + DeserializeOwned + PartialEq,
+        E: DeserializeOwned,
+    {
         if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             return Err(JournalError::NoFile);
         }
@@ -95,80 +146,63 @@ impl Journal {
             std::fs::TryLockError::WouldBlock => JournalError::InUse,
             std::fs::TryLockError::Error(error) => JournalError::File(error),
         })?;
-        let heading = Heading {
-            campaign: campaign.clone(),
-            shard,
-        };
-        let (done, length) = read(&mut file, &heading)?;
+        let (entries, length) = read(&mut file, heading)?;
         // What is behind the last whole line was cut off.
         file.set_len(length)?;
         file.seek(SeekFrom::End(0))?;
-        let mut journal = Self { file };
+        let mut lines = Self { file };
         if length == 0 {
-            journal.write(&heading)?;
+            lines.add(heading)?;
         }
-        Ok((journal, done))
+        Ok((lines, entries))
     }
 
-    /// Adds the verdict of a sequence. It is on the disk when this returns, as far as the system
-    /// tells.
+    /// Adds an entry. It is on the disk when this returns, as far as the system tells.
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn add(&mut self, verdict: &Verdict) -> io::Result<()> {
-        self.write(&Entry {
-            verdict: verdict.clone(),
-            tally: verdict.tally.clone(),
-        })
-    }
-
-    fn write(&mut self, line: &impl Serialize) -> io::Result<()> {
-        let mut text = serde_json::to_vec(line)?;
+    pub fn add(&mut self, entry: &impl Serialize) -> io::Result<()> {
+        let mut text = serde_json::to_vec(entry)?;
         text.push(b'\n');
         self.file.write_all(&text)
     }
 }
 
-/// The verdicts in a journal, and the length of its whole lines.
-fn read(file: &mut File, heading: &Heading) -> Result<(Vec<Verdict>, u64), JournalError> {
+/// The entries in a file, and the length of its whole lines.
+fn read<H, E>(file: &mut File, heading: &H) -> Result<(Vec<E>, u64), JournalError>
+where
+    H: Serialize + DeserializeOwned + PartialEq,
+    E: DeserializeOwned,
+{
+    let own = serde_json::to_vec(heading).map_err(io::Error::from)?;
+    let begin = own.split_inclusive(|byte| *byte == b':').next();
     let mut lines = BufReader::new(file);
-    let mut done: Vec<Verdict> = Vec::new();
-    let mut seeds = BTreeSet::new();
+    let mut entries = Vec::new();
     let mut length = 0;
     for line in 1.. {
         let mut text = Vec::new();
         lines.read_until(b'\n', &mut text)?;
         if text.last() != Some(&b'\n') {
             // A heading that was cut off begins as all do; anything else is somebody's file.
-            let begin = b"{\"campaign\":";
-            let known = text.iter().zip(begin).all(|(one, other)| one == other);
-            if line == 1 && !known {
+            let mut pairs = text.iter().zip(begin.unwrap_or_default());
+            if line == 1 && !pairs.all(|(one, other)| one == other) {
                 return Err(JournalError::Line { line });
             }
             break;
         }
         text.pop();
+        let unreadable = |_| JournalError::Line { line };
         if line == 1 {
-            let found: Heading =
-                serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
+            let found: H = serde_json::from_slice(&text).map_err(unreadable)?;
             if found != *heading {
                 return Err(JournalError::Other);
             }
         } else {
-            let entry: Entry =
-                serde_json::from_slice(&text).map_err(|_| JournalError::Line { line })?;
-            let seed = entry.verdict.seed;
-            if !heading.has(seed) || !seeds.insert(seed) {
-                return Err(JournalError::Stray { line });
-            }
-            done.push(Verdict {
-                tally: entry.tally,
-                ..entry.verdict
-            });
+            entries.push(serde_json::from_slice(&text).map_err(unreadable)?);
         }
         length += text.len() as u64 + 1;
     }
-    Ok((done, length))
+    Ok((entries, length))
 }
 
 #[cfg(test)]

@@ -49,18 +49,24 @@ impl Campaign {
     /// The campaign of these options.
     #[must_use]
     pub fn new(vehicle: &Vehicle, images: &Images, options: &Options) -> Self {
-        let digest = |(node, file): (NodeIndex, &[u8])| {
-            let name = vehicle.node(node).name.clone();
-            (name, digest(file))
-        };
         Self {
             vehicle: vehicle.name().to_owned(),
             trouble: options.trouble,
             sequences: options.sequences,
             seed: options.seed,
-            images: images.iter().map(digest).collect(),
+            images: digests(vehicle, images),
         }
     }
+}
+
+/// Of each node, the digest of what is in its flash.
+#[must_use]
+pub fn digests(vehicle: &Vehicle, images: &Images) -> BTreeMap<String, String> {
+    let digest = |(node, file): (NodeIndex, &[u8])| {
+        let name = vehicle.node(node).name.clone();
+        (name, digest(file))
+    };
+    images.iter().map(digest).collect()
 }
 
 /// The digest of a program: of its loadable segments, so that paths in the debug information do not

@@ -1,6 +1,7 @@
 //! Many sequences on all cores.
 
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
@@ -161,7 +162,7 @@ fn instant(seconds: f64) -> SimTime {
 }
 
 /// Runs the sequences of a shard that are not among the `earlier` ones; `each` is called after each of
-/// them.
+/// them, and says whether further ones are of use. The report has those that were run.
 ///
 /// # Errors
 /// When an image is no program for its node's microcontroller.
@@ -170,7 +171,7 @@ pub fn run(
     images: &Images,
     options: &Options,
     earlier: Vec<Verdict>,
-    mut each: impl FnMut(&Verdict, Progress),
+    mut each: impl FnMut(&Verdict, Progress) -> ControlFlow<()>,
 ) -> Result<Report, TwinError> {
     let Shard { index, of } = options.shard;
     let all = options.shard.sequences(options.sequences);
@@ -213,8 +214,12 @@ pub fn run(
                 all,
                 failed,
             };
-            each(&verdict, progress);
+            let go_on = each(&verdict, progress);
             report.take(verdict);
+            if go_on.is_break() {
+                next.store(all, Ordering::Relaxed);
+                break;
+            }
         }
         Ok(())
     })?;

@@ -5,7 +5,9 @@ mod drawings;
 mod events;
 mod figures;
 pub(crate) mod guidance;
+mod mcap;
 pub(crate) mod page;
+mod parquet;
 mod series;
 mod source;
 mod steering;
@@ -61,6 +63,7 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     let mut messages = match &mut folder {
         Some(folder) => Some(Messages::create(
             folder.file("messages.csv")?,
+            folder.file("messages.parquet")?,
             &input.decoder,
         )?),
         None => None,
@@ -74,6 +77,7 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
         }
         folder.write("analysis.html", page::page(&found).as_bytes())?;
         folder.write("events.csv", table::events(&summary.events).as_bytes())?;
+        table::write_events(folder.file("events.parquet")?, &summary.events)?;
         folder.write("analysis.json", json(summary).as_bytes())?;
         let path = folder.finish()?;
         eprintln!("Wrote {} to {}.", FILES.join(", "), path.display());
@@ -87,10 +91,12 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
 }
 
 /// The files of an analysis.
-const FILES: [&str; 4] = [
+const FILES: [&str; 6] = [
     "analysis.html",
     "messages.csv",
+    "messages.parquet",
     "events.csv",
+    "events.parquet",
     "analysis.json",
 ];
 
@@ -347,7 +353,7 @@ impl<'d> Analysis<'d> {
         let all: u64 = survey.interfaces.values().map(|one| one.frames).sum();
         let files = survey.logs.iter().map(|log| FileFigures {
             file: log.path.display().to_string(),
-            format: log.format.name(),
+            format: log.format,
             frames: log.frames,
         });
         let interfaces = survey.interfaces.iter();

@@ -4,19 +4,20 @@
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    io::{BufReader, Read},
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
 
 use can_bus::{
     Frame,
-    log::{Format, Item, LogTime, Reader, Skip},
+    log::{Item, LogTime, Reader, Skip},
 };
 
+use super::mcap;
 use crate::{Failure, progress::Display};
 
 /// The formats, for those whose log has none of them.
-pub(super) const ACCEPTED: &str = "candump (-l, -L, or its screen with time stamps), Vector ASC, and Kvaser's CanKing text and Memorator text or CSV are accepted";
+pub(super) const ACCEPTED: &str = "candump (-l, -L, or its screen with time stamps), Vector ASC, Kvaser's CanKing text and Memorator text or CSV, and MCAP are accepted";
 
 /// Size of the pieces in which a log is read, bytes.
 const PIECE: usize = 1 << 16;
@@ -25,7 +26,8 @@ const PIECE: usize = 1 << 16;
 #[derive(Debug)]
 pub(super) struct Log {
     pub(super) path: PathBuf,
-    pub(super) format: Format,
+    /// The name of its format.
+    pub(super) format: &'static str,
     /// Bytes at the time of the survey. A log that still grows is read no further.
     bytes: u64,
     /// Time stamps of its first and last frame.
@@ -164,39 +166,27 @@ fn one(
             "it is not a regular file: a log is read twice, so a pipe is not accepted".into(),
         ));
     }
-    let file = File::open(path).map_err(unreadable)?;
     let bytes = about.len();
-    let mut reader = Reader::new();
     let mut channels: Vec<Interface> = Vec::new();
     let mut span: Option<(LogTime, LogTime)> = None;
     let mut frames = 0;
-    read(
-        &mut reader,
-        file,
-        bytes,
-        "surveyed",
-        display,
-        &mut |item| match item {
-            Item::Frame(entry) => {
-                frames += 1;
-                let index = usize::from(entry.channel);
-                if channels.len() <= index {
-                    channels.resize(index + 1, Interface::default());
-                }
-                channels[index].frames += 1;
-                channels[index].known += u64::from(known(&entry.frame));
-                let first = span.map_or(entry.at, |(first, _)| first);
-                span = Some((first, entry.at));
+    let mut take = |item| match item {
+        Item::Frame(entry) => {
+            frames += 1;
+            let index = usize::from(entry.channel);
+            if channels.len() <= index {
+                channels.resize(index + 1, Interface::default());
             }
-            Item::Skipped(skip) => *counts.skipped.entry(skip).or_default() += 1,
-            Item::Nothing => {}
-        },
-    )
-    .map_err(unreadable)?;
-    let Some(format) = reader.format() else {
-        return Err(usage(format!("no line is one of a log: {ACCEPTED}")));
+            channels[index].frames += 1;
+            channels[index].known += u64::from(known(&entry.frame));
+            let first = span.map_or(entry.at, |(first, _)| first);
+            span = Some((first, entry.at));
+        }
+        Item::Skipped(skip) => *counts.skipped.entry(skip).or_default() += 1,
+        Item::Nothing => {}
     };
-    for (name, found) in reader.channels().iter().zip(channels) {
+    let (format, names) = read(path, bytes, "surveyed", display, &mut take)?;
+    for (name, found) in names.iter().zip(channels) {
         let all = counts.interfaces.entry(name.clone()).or_default();
         all.frames += found.frames;
         all.known += found.known;
@@ -207,28 +197,47 @@ fn one(
         bytes,
         span,
         frames,
-        channels: reader.channels().to_vec(),
+        channels: names,
     })
 }
 
-/// Reads a log up to a size.
+/// Reads a log up to a size. Returns the name of its format and those of its interfaces.
 fn read(
-    reader: &mut Reader,
-    file: File,
+    path: &Path,
     bytes: u64,
     what: &str,
     display: &mut Display,
     each: &mut dyn FnMut(Item),
-) -> std::io::Result<()> {
+) -> Result<(&'static str, Vec<String>), Failure> {
+    let usage = |why: String| Failure::Usage(format!("{}: {why}", path.display()));
+    let unreadable = |error| usage(format!("it cannot be read: {error}"));
+    let file = File::open(path).map_err(unreadable)?;
     let mut input = BufReader::with_capacity(PIECE, file.take(bytes));
-    let mut lines = 0_u64;
-    reader.read(&mut input, &mut |item| {
-        lines += 1;
-        if lines.is_multiple_of(1 << 16) {
-            display.show(|_| format!("{lines} lines {what}"));
+    let is_mcap = input
+        .fill_buf()
+        .map_err(unreadable)?
+        .starts_with(mcap::MAGIC);
+    let mut count = 0_u64;
+    let unit = if is_mcap { "frames" } else { "lines" };
+    let mut counted = |item| {
+        count += 1;
+        if count.is_multiple_of(1 << 16) {
+            display.show(|_| format!("{count} {unit} {what}"));
         }
         each(item);
-    })
+    };
+    if is_mcap {
+        let mut reader = mcap::Reader::default();
+        reader
+            .read(&mut input, &mut counted)
+            .map_err(|error| usage(error.to_string()))?;
+        return Ok((mcap::NAME, reader.topics().to_vec()));
+    }
+    let mut reader = Reader::new();
+    reader.read(&mut input, &mut counted).map_err(unreadable)?;
+    let format = reader.format();
+    let format = format.ok_or_else(|| usage(format!("no line is one of a log: {ACCEPTED}")))?;
+    Ok((format.name(), reader.channels().to_vec()))
 }
 
 impl Survey {
@@ -243,29 +252,16 @@ impl Survey {
         each: &mut dyn FnMut(i64, &Frame),
     ) -> Result<(), Failure> {
         for log in &self.logs {
-            let failed = |error| {
-                let path = log.path.display();
-                Failure::Usage(format!("{path}: it cannot be read: {error}"))
-            };
             // A second reading numbers the interfaces as the first one did.
             let own = log.channels.iter().position(|name| *name == self.interface);
-            let file = File::open(&log.path).map_err(failed)?;
-            let mut reader = Reader::new();
-            read(
-                &mut reader,
-                file,
-                log.bytes,
-                "analysed",
-                display,
-                &mut |item| {
-                    if let Item::Frame(entry) = item
-                        && Some(usize::from(entry.channel)) == own
-                    {
-                        each(since(self.start, entry.at), &entry.frame);
-                    }
-                },
-            )
-            .map_err(failed)?;
+            let mut take = |item| {
+                if let Item::Frame(entry) = item
+                    && Some(usize::from(entry.channel)) == own
+                {
+                    each(since(self.start, entry.at), &entry.frame);
+                }
+            };
+            read(&log.path, log.bytes, "analysed", display, &mut take)?;
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! The figures of one run.
 
 use network_model::{Message, Signal};
+use serde::{Deserialize, Serialize};
 use vehicle_model::Vehicle;
 use world::{
     SimTime,
@@ -57,7 +58,7 @@ const BAND: f64 = 0.05;
 const TAIL: f64 = 10.0;
 
 /// Figures of one run from the moment when the vehicle drives by itself.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
     /// Seed of the run.
     pub seed: u64,

@@ -4,6 +4,7 @@
 pub mod aggregate;
 pub mod case;
 mod event_or_time;
+mod kept;
 pub mod measure;
 pub mod quick;
 mod report;
@@ -11,8 +12,10 @@ pub mod row_limits;
 mod thesis_2;
 
 use std::{
+    collections::BTreeMap,
     fmt::Write as _,
     num::NonZero,
+    path::PathBuf,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
@@ -25,11 +28,12 @@ use control::{
     controller::SettingsError, dubins::DubinsError, line::LineError, row::RowSettingsError,
     vehicle::Refusal,
 };
+use serde::{Serialize, de::DeserializeOwned};
 use twin::{Images, Options, TwinError};
 use vehicle_model::{Overrides, Vehicle, manifest::Law};
 use world::{
     Scenario, ScenarioError, SimDuration,
-    report::{FolderError, OutputFolder, Run},
+    report::{FolderError, Run},
 };
 
 use crate::{
@@ -40,6 +44,7 @@ use crate::{
     vehicle,
 };
 use case::Experiment;
+use kept::{Kept, Place};
 use measure::{Figures, SteeringRate};
 use quick::Numbers;
 use report::{CaseReport, Report};
@@ -83,6 +88,33 @@ pub enum Error {
     /// The output folder is wrong.
     #[error(transparent)]
     Folder(#[from] FolderError),
+    /// An experiment was interrupted, and another one is not to take its place by mistake.
+    #[error(
+        "{} has what an unfinished experiment has done: --resume goes on with it, or delete the file to begin again",
+        journal.display()
+    )]
+    Unfinished {
+        /// The file.
+        journal: PathBuf,
+    },
+    /// The file of the runs that are done cannot be used.
+    #[error("{} cannot be used: {why}", journal.display())]
+    Journal {
+        /// The file.
+        journal: PathBuf,
+        /// Why.
+        #[source]
+        why: campaign::JournalError,
+    },
+    /// What is to go on has another experiment's report.
+    #[error(
+        "{} is the report of another experiment: name another folder, or leave out --resume to replace it",
+        report.display()
+    )]
+    OtherReport {
+        /// The file.
+        report: PathBuf,
+    },
     /// The waypoints make no line.
     #[error(transparent)]
     Line(#[from] LineError),
@@ -143,6 +175,9 @@ impl Error {
                 | Self::ThesisLaw { .. }
                 | Self::Scenario(_)
                 | Self::Folder(_)
+                | Self::Unfinished { .. }
+                | Self::Journal { .. }
+                | Self::OtherReport { .. }
         )
     }
 }
@@ -193,6 +228,9 @@ fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<
 /// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an
 /// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
+    if kept::is_complete(options, name)? {
+        return Ok(());
+    }
     if let Some((_, run)) = OTHERS.iter().find(|(other, _)| *other == name) {
         return run(workspace, options);
     }
@@ -210,13 +248,24 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
             "{name} drives under both laws: machine.law is not accepted in --set"
         )));
     }
-    let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
-        None => None,
-    };
+    let place = Place::of(options)?;
     let ready = ready(workspace, vehicle, experiment, options.quick)?;
     let jobs = jobs(&ready, options);
-    let figures = run_all(&jobs, &Job::name, &Job::run)?;
+    let kept = match &place {
+        Some(place) => {
+            let laws = || ready.iter().flatten();
+            let scenarios: Vec<_> = laws().map(|of| &of.scenario).collect();
+            let images = laws().filter_map(|of| Some((&of.vehicle, of.images.as_deref()?)));
+            place.kept(
+                experiment.name,
+                options,
+                &scenarios,
+                &images.collect::<Vec<_>>(),
+            )?
+        }
+        None => None,
+    };
+    let figures = run_all(&jobs, &Job::name, kept, &Job::run)?;
 
     let of = |case: usize, law: usize| -> Vec<Figures> {
         let both = jobs.iter().zip(&figures);
@@ -246,13 +295,9 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         cases,
     };
 
-    if let Some(mut folder) = folder {
-        let path = folder
-            .write("experiment.json", report.json().as_bytes())
-            .and_then(|()| folder.write("runs.csv", runs_csv(&jobs, &figures).as_bytes()))
-            .and_then(|()| folder.finish())
-            .map_err(Error::from)?;
-        eprintln!("Wrote experiment.json and runs.csv to {}.", path.display());
+    if let Some(place) = place {
+        let runs = runs_csv(&jobs, &figures);
+        place.finish(&[("experiment.json", &report.json()), ("runs.csv", &runs)])?;
     }
     if options.json {
         print!("{}", report.json());
@@ -462,46 +507,80 @@ impl Job<'_> {
 }
 
 /// Does all runs, as many at a time as there are processors, and shows how far they are: `name` says
-/// which one is done. The result of a run depends on its job alone, not on the thread or the order.
-pub(crate) fn run_all<'j, J: Sync, T: Send, E: Send>(
+/// which one is done. The result of a run depends on its job alone, not on the thread or the order. Runs that
+/// are `kept` from before are not done again, and the others are kept as they end.
+fn run_all<J: Sync, T: Send + Serialize + DeserializeOwned + PartialEq>(
+    jobs: &[J],
+    name: &(dyn Fn(&J) -> String + Sync),
+    mut kept: Option<Kept<T>>,
+    make: &(dyn Fn(&J) -> Result<T, Error> + Sync),
+) -> Result<Vec<T>, Error> {
+    let earlier = kept.as_mut().map(|kept| std::mem::take(&mut kept.earlier));
+    let mut keep = |number, result: &T| match &mut kept {
+        Some(kept) => kept.add(number, result),
+        None => Ok(()),
+    };
+    run_each(jobs, name, earlier.unwrap_or_default(), &mut keep, make)
+}
+
+/// The same for results that cannot be kept in a file: those of `earlier` runs are known by their numbers,
+/// and `keep` is told each of the others.
+pub(crate) fn run_each<'j, J: Sync, T: Send, E: Send>(
     jobs: &'j [J],
     name: &(dyn Fn(&J) -> String + Sync),
+    mut earlier: BTreeMap<usize, T>,
+    keep: &mut (dyn FnMut(usize, &T) -> Result<(), E> + Send),
     make: &(dyn Fn(&'j J) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
+    earlier.retain(|number, _| *number < jobs.len());
+    let numbers = 0..jobs.len();
+    let left: Vec<usize> = numbers.filter(|run| !earlier.contains_key(run)).collect();
     let next = AtomicUsize::new(0);
-    let done = Mutex::new((Vec::new(), Display::new()));
+    let results = earlier.into_iter().map(|(run, result)| (run, Ok(result)));
+    let done = Mutex::new((results.collect::<Vec<_>>(), Display::new(), keep));
     let work = || {
         while let Some((number, job)) = {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            jobs.get(number).map(|job| (number, job))
+            let number = left.get(next.fetch_add(1, Ordering::Relaxed));
+            number.and_then(|&number| Some((number, jobs.get(number)?)))
         } {
-            let figures = make(job);
-            let failed = figures.is_err();
+            let mut figures = make(job);
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
-            let (done, display) = &mut *done;
+            let (done, display, keep) = &mut *done;
+            if let Ok(result) = &figures
+                && let Err(error) = keep(number, result)
+            {
+                figures = Err(error);
+            }
+            let failed = figures.is_err();
             done.push((number, figures));
-            display.show(|wall| progress(&name(job), done.len(), jobs.len(), wall));
+            let (own, before) = (
+                done.len() + left.len() - jobs.len(),
+                jobs.len() - left.len(),
+            );
+            display.show(|wall| progress(&name(job), (before, own), jobs.len(), wall));
             if failed {
                 // After a failure, the remaining runs are of no use.
-                next.store(jobs.len(), Ordering::Relaxed);
+                next.store(left.len(), Ordering::Relaxed);
             }
         }
     };
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     thread::scope(|scope| {
-        for _ in 0..workers.min(jobs.len()) {
+        for _ in 0..workers.min(left.len()) {
             scope.spawn(work);
         }
     });
-    let (mut done, mut display) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let (mut done, mut display, _) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     display.end();
     done.sort_by_key(|(number, _)| *number);
     done.into_iter().map(|(_, figures)| figures).collect()
 }
 
-/// How far the runs are after `wall`; `last` is the one that was done last.
-fn progress(last: &str, done: usize, all: usize, wall: Duration) -> String {
-    let left = wall.as_secs_f64() / done as f64 * (all - done) as f64 / 60.0;
+/// How far the runs are after `wall`; `last` is the one that was done last. Those that were done before took no
+/// time.
+fn progress(last: &str, (before, own): (usize, usize), all: usize, wall: Duration) -> String {
+    let done = before + own;
+    let left = wall.as_secs_f64() / own as f64 * (all - done) as f64 / 60.0;
     format!("{done} of {all} runs, {last} last, {left:.0} min left")
 }
 

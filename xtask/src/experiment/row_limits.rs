@@ -17,14 +17,18 @@ use vehicle_model::{
 };
 use world::{
     distance,
-    report::{MapAxis, MapCell, MapPanel, MapPicture, OutputFolder, map_svg},
+    report::{MapAxis, MapCell, MapPanel, MapPicture, map_svg},
     rover::{Mount, Parameters, Terrain},
     row_drive::{Chain, Followed, RowDrive, Setting, follow},
     scenario::{Gap, Kind, Leaves, Row, RowStart, Section, Side},
     victor,
 };
 
-use super::{Error, needed, run_all};
+use super::{
+    Error,
+    kept::{Kept, Place},
+    needed, run_all,
+};
 use crate::{Failure, cli::Sim};
 
 /// Name of the experiment.
@@ -125,24 +129,23 @@ pub struct Limit {
 /// # Errors
 /// The vehicle has no rover under Furrow's law, or the output folder is wrong (exit code 2).
 pub fn run(vehicle: &Vehicle, options: &Sim) -> Result<(), Failure> {
-    let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
+    let place = Place::of(options)?;
+    let grid = Grid::default();
+    let kept = match &place {
+        Some(place) => {
+            let manifest = vehicle.manifest();
+            place.kept(NAME, options, &(&grid, &manifest.rover), &[])?
+        }
         None => None,
     };
-    let grid = Grid::default();
-    let (map, runs) = map(vehicle, &grid, options.seed, options.seeds)?;
-    if let Some(mut folder) = folder {
+    let (map, runs) = map(vehicle, &grid, (options.seed, options.seeds), kept)?;
+    if let Some(place) = place {
         let picture = picture(vehicle, &grid, &map);
-        let path = folder
-            .write("experiment.json", json(&map).as_bytes())
-            .and_then(|()| folder.write("runs.csv", runs.as_bytes()))
-            .and_then(|()| folder.write("row-limits.svg", picture.as_bytes()))
-            .and_then(|()| folder.finish())
-            .map_err(Error::from)?;
-        eprintln!(
-            "Wrote experiment.json, runs.csv and row-limits.svg to {}.",
-            path.display()
-        );
+        place.finish(&[
+            ("experiment.json", &json(&map)),
+            ("runs.csv", &runs),
+            ("row-limits.svg", &picture),
+        ])?;
     }
     if options.json {
         print!("{}", json(&map));
@@ -156,11 +159,11 @@ pub fn run(vehicle: &Vehicle, options: &Sim) -> Result<(), Failure> {
 ///
 /// # Errors
 /// The vehicle has no rover, or not under Furrow's law, or no settings can be made of its numbers.
-pub fn map(
+fn map(
     vehicle: &Vehicle,
     grid: &Grid,
-    first_seed: u64,
-    seeds: u64,
+    (first_seed, seeds): (u64, u64),
+    kept: Option<Kept<Followed>>,
 ) -> Result<(Limit, String), Error> {
     let rover = needed(vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
     if rover.law != Law::Furrow {
@@ -182,7 +185,7 @@ pub fn map(
             }
         }
     }
-    let runs = run_all(&jobs, &Job::name, &|job| job.drive(rover, period))?;
+    let runs = run_all(&jobs, &Job::name, kept, &|job| job.drive(rover, period))?;
     let cells = jobs
         .chunks(seeds as usize)
         .zip(runs.chunks(seeds as usize))
@@ -472,7 +475,7 @@ mod tests {
     /// was told, less well.
     #[test]
     fn a_map_tells_a_good_row_from_a_bad_one() {
-        let (map, runs) = map(&follower(), &tiny(), 3, 2).unwrap();
+        let (map, runs) = map(&follower(), &tiny(), (3, 2), None).unwrap();
         assert_eq!(map.cells.len(), 4);
         assert_eq!(runs.lines().count(), 1 + 8);
         for cells in map.cells.chunks(2) {
@@ -535,7 +538,7 @@ mod tests {
     /// The seed decides alone: neither the number of runs nor their order changes one.
     #[test]
     fn a_run_depends_on_its_job_alone() {
-        let lines = |seed, seeds| map(&follower(), &tiny(), seed, seeds).unwrap().1;
+        let lines = |seed, seeds| map(&follower(), &tiny(), (seed, seeds), None).unwrap().1;
         let (both, one) = (lines(3, 2), lines(4, 1));
         for line in one.lines() {
             assert!(both.lines().any(|other| other == line), "{line}");
@@ -570,7 +573,7 @@ mod tests {
             gaps: vec![0.0],
             densities: vec![0.0],
         };
-        let (map, _) = map(&wide, &grid, 1, 2).unwrap();
+        let (map, _) = map(&wide, &grid, (1, 2), None).unwrap();
         for cell in &map.cells {
             assert!(cell.failures == 0 && cell.offset_cm < 4.0, "{cell:?}");
         }
@@ -586,7 +589,7 @@ mod tests {
         let of = |set: &str| {
             let set = Overrides::parse(set).unwrap();
             let vehicle = vehicle::with(&Workspace::find().unwrap(), "row-follower", &set).unwrap();
-            let map = map(&vehicle, &grid, 1, 4).unwrap().0;
+            let map = map(&vehicle, &grid, (1, 4), None).unwrap().0;
             text(&grid, &map)
         };
         let narrow = of("rover.rows.width=53 cm;rover.sensors.angle=30 deg");
@@ -605,7 +608,7 @@ mod tests {
     fn another_law_is_refused_with_what_to_do() {
         let set = Overrides::parse("rover.law=thesis").unwrap();
         let thesis = vehicle::with(&Workspace::find().unwrap(), "row-follower", &set).unwrap();
-        let error = map(&thesis, &tiny(), 1, 1).unwrap_err();
+        let error = map(&thesis, &tiny(), (1, 1), None).unwrap_err();
         assert!(error.is_usage());
         assert!(
             error.to_string().contains("use --set rover.law=furrow"),
@@ -616,7 +619,7 @@ mod tests {
     #[test]
     fn a_vehicle_without_a_row_law_is_refused() {
         let uagv = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
-        let error = map(&uagv, &tiny(), 1, 1).unwrap_err();
+        let error = map(&uagv, &tiny(), (1, 1), None).unwrap_err();
         assert!(error.is_usage());
         assert!(error.to_string().contains("has no [rover]"), "{error}");
     }

@@ -8,20 +8,20 @@
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use control::row::Sides;
 use firmware::rows::{self, FULL_EFFORT, Follower, LARGEST_DISTANCE};
 use twin::{Images, Twin};
 use vehicle_model::manifest::{Law, Rover};
 use vehicle_model::{Overrides, Vehicle};
-use world::report::{DistancePair, OutputFolder, RoverFigures, RoverRun};
+use world::report::{DistancePair, RoverFigures, RoverRun};
 use world::rover::Side;
 use world::row_drive::{RowDrive, pulse};
 use world::time::{Span as _, at, from_seconds, seconds};
 use world::{Scenario, World};
 
-use super::{BuiltImages, Error, RunError, needed, run_all};
+use super::{BuiltImages, Error, RunError, kept::Place, needed, run_all};
 use crate::{
     Failure, Workspace,
     cli::Sim,
@@ -197,9 +197,9 @@ struct Job<'a> {
 }
 
 /// The figures of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Run {
-    case: &'static str,
+    case: String,
     seed: u64,
     /// Mean of the filtered right distance minus the left one: the thesis's error.
     mean_difference_cm: Option<f64>,
@@ -250,10 +250,7 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let own = options.changes.overrides();
     let vehicle = vehicle::with(workspace, &options.vehicle, &own)?;
     needed(&vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
-    let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
-        None => None,
-    };
+    let place = Place::of(options)?;
     let cases = ready(workspace, options)?;
     let seeds: Vec<u64> = (0..options.seeds)
         .map(|k| options.seed.wrapping_add(k))
@@ -265,7 +262,20 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             cases.map(move |(number, of)| Job { of, number, seed })
         })
         .collect();
-    let runs = run_all(&jobs, &Job::name, &Job::run)?;
+    let kept = match &place {
+        Some(place) => {
+            let scenarios: Vec<_> = cases
+                .iter()
+                .map(|of| (of.case.name, &of.scenario))
+                .collect();
+            let images = cases
+                .iter()
+                .filter_map(|of| Some((&of.vehicle, of.images.as_deref()?)));
+            place.kept(NAME, options, &scenarios, &images.collect::<Vec<_>>())?
+        }
+        None => None,
+    };
+    let runs = run_all(&jobs, &Job::name, kept, &Job::run)?;
     let figures: Vec<Figures> = cases
         .iter()
         .enumerate()
@@ -278,13 +288,9 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             Figures::of(of, &own, options.seeds >= enough(options))
         })
         .collect();
-    if let Some(mut folder) = folder {
-        let path = folder
-            .write("experiment.json", json(options, &figures).as_bytes())
-            .and_then(|()| folder.write("runs.csv", runs_csv(&runs).as_bytes()))
-            .and_then(|()| folder.finish())
-            .map_err(Error::from)?;
-        eprintln!("Wrote experiment.json and runs.csv to {}.", path.display());
+    if let Some(place) = place {
+        let (report, runs) = (json(options, &figures), runs_csv(&runs));
+        place.finish(&[("experiment.json", &report), ("runs.csv", &runs)])?;
     }
     if options.json {
         print!("{}", json(options, &figures));
@@ -444,7 +450,7 @@ impl Job<'_> {
         let station = drive.contact().map(|touch| touch.station);
         let station = station.or(last.map(|last| last.station));
         Ok(Run {
-            case: self.of.case.name,
+            case: self.of.case.name.to_owned(),
             seed: self.seed,
             mean_difference_cm: figures.mean_difference_cm,
             mean_absolute_difference_cm: figures.mean_absolute_difference_cm,
@@ -844,7 +850,7 @@ mod tests {
         let cases = ready();
         let named = |name: &str| cases.iter().find(|ready| ready.case.name == name).unwrap();
         let run = |ready: &Ready, error: f64, contact: bool| Run {
-            case: ready.case.name,
+            case: ready.case.name.to_owned(),
             seed: 1,
             mean_difference_cm: Some(error),
             mean_absolute_difference_cm: Some(error.abs()),

@@ -11,7 +11,7 @@ use world::{
 
 use crate::{
     Failure, Workspace,
-    experiment::{BuiltImages, measure, run_all},
+    experiment::{BuiltImages, measure, run_each},
     sim::{self, Finished, Wish},
     vehicle,
 };
@@ -199,9 +199,11 @@ pub(super) fn ready(workspace: &Workspace, takes: &[Take]) -> Result<Vec<Ready>,
 ///
 /// A program did what its microcontroller does not allow, or ended in a fault.
 pub(super) fn make(ready: &[Ready]) -> Result<Takes<'_>, Failure> {
-    let runs = run_all(
+    let runs = run_each(
         ready,
         &|one| one.scenario.name.clone(),
+        BTreeMap::new(),
+        &mut |_, _| Ok(()),
         &|one: &Ready| -> Result<Finished<'_>, Failure> {
             let recipe = one.take.recipe();
             let wish = Wish {

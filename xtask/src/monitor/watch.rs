@@ -9,8 +9,8 @@ use can_bus::{
 use embedded_can::Id;
 use serde::Serialize;
 use vehicle_model::Vehicle;
-use world::report::{FrameRecord, Window, WindowKind, rounded};
-use world::time::span_micros;
+use world::report::{FrameRecord, ModeChange, Window, WindowKind, rounded};
+use world::{SimTime, time::span_micros};
 
 use crate::sim::matrix::Matrix;
 
@@ -32,6 +32,8 @@ pub enum Class {
     Present,
     /// Nothing was heard of it so far.
     Unheard,
+    /// It sends only when there is an occasion, and there was none of late.
+    Quiet,
     /// It has fallen silent.
     Dead,
     /// Half of its frames, or more, are out of their windows.
@@ -42,10 +44,11 @@ pub enum Class {
 
 impl Class {
     /// In a word.
-    const fn word(self) -> &'static str {
+    pub(crate) const fn word(self) -> &'static str {
         match self {
             Self::Present => "present",
             Self::Unheard => "not heard",
+            Self::Quiet => "quiet",
             Self::Dead => "dead",
             Self::Lost => "lost",
             Self::Babbling => "babbling",
@@ -107,6 +110,12 @@ pub struct Picture {
     pub foreign: BTreeMap<String, u64>,
 }
 
+/// The same time in the unit of the simulation.
+fn sim_time(at: Duration) -> SimTime {
+    let nanos = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
+    SimTime::from_ticks(nanos.saturating_mul(1000))
+}
+
 /// A message so far.
 #[derive(Default)]
 struct Seen {
@@ -136,7 +145,7 @@ pub struct Watch {
     foreign: BTreeMap<String, u64>,
     recent: Vec<Recent>,
     frames: u64,
-    mode: Option<String>,
+    modes: Vec<ModeChange>,
 }
 
 impl Watch {
@@ -153,7 +162,7 @@ impl Watch {
             foreign: BTreeMap::new(),
             recent: Vec::new(),
             frames: 0,
-            mode: None,
+            modes: Vec::new(),
         }
     }
 
@@ -181,7 +190,7 @@ impl Watch {
                 seen.last = at;
                 seen.behind = behind.map(|(behind, _)| behind);
                 seen.outside += u64::from(outside);
-                self.read(id, frame);
+                self.read(at, id, frame);
             }
             None => {
                 let name = match frame.id() {
@@ -227,7 +236,7 @@ impl Watch {
     }
 
     /// Reads the mode.
-    fn read(&mut self, id: u16, frame: &Frame) {
+    fn read(&mut self, at: Duration, id: u16, frame: &Frame) {
         let mut data = [0; 8];
         for (to, from) in data.iter_mut().zip(frame.data()) {
             *to = *from;
@@ -236,13 +245,24 @@ impl Watch {
             id,
             dlc: frame.dlc().min(8),
             data,
-            start: world::SimTime::from_ticks(0),
-            end: world::SimTime::from_ticks(0),
+            start: sim_time(at),
+            end: sim_time(at),
             complete: true,
         };
-        if let Some(change) = self.matrix.modes(&[record]).pop() {
-            self.mode = Some(change.mode);
-        }
+        let change = self.matrix.modes(&[record]).pop();
+        let last = self.modes.last().map(|last| &last.mode);
+        self.modes
+            .extend(change.filter(|change| last != Some(&change.mode)));
+    }
+
+    /// The changes of the vehicle's mode so far.
+    pub(crate) fn modes(&self) -> &[ModeChange] {
+        &self.modes
+    }
+
+    /// The windows of the vehicle's messages, and how long they are.
+    pub(crate) fn matrix(&self) -> &Matrix {
+        &self.matrix
     }
 
     /// What is known at this time.
@@ -274,7 +294,7 @@ impl Watch {
             watched_seconds: rounded(now.as_secs_f64(), 3),
             frames: self.frames,
             load_percent: rounded(f64::from(bits) / self.bit_rate / watched * 100.0, 2),
-            mode: self.mode.clone(),
+            mode: self.modes.last().map(|last| last.mode.clone()),
             nodes: nodes.collect(),
             messages: messages.collect(),
             foreign: self.foreign.clone(),
@@ -299,7 +319,13 @@ impl Watch {
         let class = match silent {
             // A node that sends nothing by plan is not missed.
             None => Class::Unheard,
-            Some(silent) if silent > self.cycle() * DEAD_CYCLES => Class::Dead,
+            Some(silent) if silent > self.cycle() * DEAD_CYCLES => {
+                if ids.iter().any(|&id| self.matrix.is_cyclic(id)) {
+                    Class::Dead
+                } else {
+                    Class::Quiet
+                }
+            }
             Some(_) if count as f64 > BABBLE * self.planned(node) => Class::Babbling,
             Some(_) if 2 * outside >= count.max(1) => Class::Lost,
             Some(_) => Class::Present,

@@ -3,6 +3,7 @@
 pub(crate) use campaign::Trouble;
 use std::{
     fs,
+    ops::ControlFlow,
     path::{Path, PathBuf},
 };
 
@@ -54,7 +55,7 @@ pub(super) fn run(
             &campaign,
             options.resume,
         )?,
-        None => judged(vehicle, &images, &campaign, Vec::new(), |_| {})?,
+        None => judged(vehicle, &images, &campaign, Vec::new(), go_on)?,
     };
     match campaigns::show(&report, options.json) {
         // The whole judges what its parts have found.
@@ -82,8 +83,13 @@ fn kept(
     }
     let mut unwritten = None;
     let report = judged(vehicle, images, campaign, earlier, |verdict| {
-        if let Err(error) = journal.add(verdict) {
-            unwritten.get_or_insert(error);
+        match journal.add(verdict) {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                // What follows could not be kept, either.
+                unwritten.get_or_insert(error);
+                ControlFlow::Break(())
+            }
         }
     })?;
     let kept = match unwritten {
@@ -196,7 +202,7 @@ pub(crate) fn first(
         threads: None,
     };
     let images = super::images(workspace, vehicle)?;
-    let report = judged(vehicle, &images, &campaign, Vec::new(), |_| {})?;
+    let report = judged(vehicle, &images, &campaign, Vec::new(), go_on)?;
     eprint!("{report}");
     let broken = report.failures.iter().map(|failure| {
         let seed = failure.seed;
@@ -211,22 +217,28 @@ pub(crate) fn first(
     Ok(broken.collect())
 }
 
+/// Nothing is done with a verdict by itself.
+fn go_on(_: &Verdict) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
 fn judged(
     vehicle: &Vehicle,
     images: &Images,
     campaign: &Options,
     earlier: Vec<Verdict>,
-    mut each: impl FnMut(&Verdict),
+    mut each: impl FnMut(&Verdict) -> ControlFlow<()>,
 ) -> Result<Report, Failure> {
     let mut display = Display::new();
     let before = earlier.len() as u64;
     let report = campaign::run(vehicle, images, campaign, earlier, |verdict, progress| {
-        each(verdict);
+        let go_on = each(verdict);
         let Progress { done, all, failed } = progress;
         display.show(|wall| {
             let pace = (done - before) as f64 / wall.as_secs_f64().max(1e-9);
             format!("{done} of {all} sequences, {failed} broke a rule, {pace:.2} a second")
         });
+        go_on
     });
     display.end();
     Ok(report.map_err(Error::from)?)

@@ -5,6 +5,7 @@ mod terminal;
 
 use std::{
     fmt,
+    io::IsTerminal,
     path::PathBuf,
     str::FromStr,
     thread,
@@ -15,6 +16,10 @@ use can_bus::{Frame, NodeId, Record, RecordKind, Retry, Tester};
 use twin::Twin;
 use world::{SimTime, time::seconds};
 
+use super::{
+    recording::NodeRecording,
+    view::{Subject, View},
+};
 use crate::selftest::{Transport, TransportError, socketcan};
 
 /// Where other programs reach the virtual bus.
@@ -72,6 +77,19 @@ pub enum Error {
         #[source]
         error: std::io::Error,
     },
+    /// The view has nothing to draw on.
+    #[error(
+        "--watch draws on a terminal, and the standard output is none: leave it out, or let it be one"
+    )]
+    NoScreen,
+    /// The terminal of the view fails.
+    #[error("--watch: the terminal cannot be used: {0}")]
+    Screen(#[source] std::io::Error),
+    /// Nobody could keep to the windows of a bus without a pace.
+    #[error(
+        "--watch=max has no pace that programs at --can could keep up with: a speed from 0.001 to 100 is accepted"
+    )]
+    NoPace,
     /// The system has no pseudo-terminals.
     #[error("--can slcan needs a system with pseudo-terminals; socketcan:INTERFACE needs Linux")]
     NoTerminal,
@@ -118,10 +136,62 @@ fn bridge(can: &Can, bit_rate: u32) -> Result<(Box<dyn Bridge>, String), Error> 
     }
 }
 
-/// A run at the pace of real time, and what joins it.
+/// How fast simulated time passes.
+#[derive(Clone, Debug)]
+pub(super) struct Pace {
+    /// Simulated seconds in a second; `None` runs as fast as it can.
+    speed: Option<f64>,
+    paused: bool,
+    /// An instant, and the simulated time that belongs to it.
+    anchor: Option<(Instant, SimTime)>,
+    /// How far the simulation was behind at most.
+    behind: Duration,
+}
+
+impl Pace {
+    pub(super) fn new(speed: Option<f64>) -> Self {
+        Self {
+            speed,
+            paused: false,
+            anchor: None,
+            behind: Duration::ZERO,
+        }
+    }
+
+    pub(super) fn speed(&self) -> Option<f64> {
+        self.speed
+    }
+
+    pub(super) fn is_paused(&self) -> bool {
+        self.paused
+    }
+
+    /// Goes on at that speed, or pauses, from the simulated time `now` on. Time that has passed before does
+    /// not count.
+    pub(super) fn change(&mut self, now: SimTime, speed: Option<f64>, paused: bool) {
+        self.speed = speed;
+        self.paused = paused;
+        self.anchor = Some((Instant::now(), now));
+    }
+
+    /// How long it is until the simulated time comes; zero if it has come.
+    pub(super) fn early(&mut self, now: SimTime) -> Duration {
+        let Some(speed) = self.speed else {
+            return Duration::ZERO;
+        };
+        let (begin, from) = *self
+            .anchor
+            .get_or_insert_with(|| (Instant::now(), SimTime::from_ticks(0)));
+        let due = Duration::from_secs_f64((seconds(now) - seconds(from)).max(0.0) / speed);
+        let passed = begin.elapsed();
+        self.behind = self.behind.max(passed.saturating_sub(due));
+        due.saturating_sub(passed)
+    }
+}
+
+/// A run at a pace, what joins it, and who looks at it.
 pub(crate) struct Live {
-    /// Simulated seconds in a second.
-    speed: f64,
+    pace: Pace,
     bridge: Option<Box<dyn Bridge>>,
     /// The sender of what other programs send.
     tester: Option<NodeId>,
@@ -130,9 +200,9 @@ pub(crate) struct Live {
     passed: usize,
     /// Frames of others that are not on the bus yet.
     waiting: usize,
-    begin: Option<Instant>,
-    /// How far the simulation was behind at most.
-    behind: Duration,
+    /// Whether somebody looks at the run.
+    watched: bool,
+    view: Option<View>,
 }
 
 impl Live {
@@ -140,7 +210,18 @@ impl Live {
     ///
     /// # Errors
     /// It cannot be opened.
-    pub(crate) fn open(can: Option<&Can>, speed: f64, bit_rate: u32) -> Result<Self, Error> {
+    pub(crate) fn open(
+        can: Option<&Can>,
+        speed: Option<f64>,
+        watched: bool,
+        bit_rate: u32,
+    ) -> Result<Self, Error> {
+        if watched && !std::io::stdout().is_terminal() {
+            return Err(Error::NoScreen);
+        }
+        if can.is_some() && speed.is_none() {
+            return Err(Error::NoPace);
+        }
         let bridge = match can {
             None => None,
             Some(can) => {
@@ -150,32 +231,59 @@ impl Live {
             }
         };
         Ok(Self {
-            speed,
+            pace: Pace::new(speed),
             bridge,
             tester: None,
             bit_rate,
             passed: 0,
             waiting: 0,
-            begin: None,
-            behind: Duration::ZERO,
+            watched,
+            view: None,
         })
     }
 
-    /// Passes on what was on the bus since the last call and what others send, and waits until the
-    /// simulated time has come.
+    /// Begins to show the run, if somebody looks at it.
     ///
     /// # Errors
-    /// The bus cannot be reached any more.
-    pub(crate) fn keep_up(&mut self, twin: &mut Twin) -> Result<(), Error> {
-        self.exchange(twin)?;
-        let due = Duration::from_secs_f64(seconds(twin.now()) / self.speed);
-        let begin = *self.begin.get_or_insert_with(Instant::now);
-        let passed = begin.elapsed();
-        match due.checked_sub(passed) {
-            Some(early) => thread::sleep(early),
-            None => self.behind = self.behind.max(passed.saturating_sub(due)),
+    /// The terminal cannot be used.
+    pub(crate) fn show(&mut self, subject: Subject) -> Result<(), Error> {
+        if self.watched {
+            let view = View::open(subject, self.bridge.is_some());
+            self.view = Some(view.map_err(Error::Screen)?);
         }
         Ok(())
+    }
+
+    /// Whether the terminal shows the run.
+    pub(crate) fn is_shown(&self) -> bool {
+        self.view.is_some()
+    }
+
+    /// Gives the terminal back.
+    pub(crate) fn hide(&mut self) {
+        self.view = None;
+    }
+
+    /// Passes on what was on the bus since the last call and what others send, shows the run, and waits
+    /// until the simulated time has come.
+    ///
+    /// # Errors
+    /// The bus or the terminal cannot be reached any more.
+    pub(crate) fn keep_up(
+        &mut self,
+        twin: &mut Twin,
+        nodes: &[NodeRecording],
+    ) -> Result<(), Error> {
+        self.exchange(twin)?;
+        match &mut self.view {
+            Some(view) => view
+                .attend(twin, nodes, &mut self.pace)
+                .map_err(Error::Screen),
+            None => {
+                thread::sleep(self.pace.early(twin.now()));
+                Ok(())
+            }
+        }
     }
 
     fn exchange(&mut self, twin: &mut Twin) -> Result<(), Error> {
@@ -210,7 +318,7 @@ impl Live {
     /// How far the simulation fell behind, if frames of others may have come too late for their windows.
     pub(crate) fn late(&self) -> Option<Duration> {
         self.bridge.as_ref()?;
-        (self.behind > Duration::from_millis(5)).then_some(self.behind)
+        (self.pace.behind > Duration::from_millis(5)).then_some(self.pace.behind)
     }
 }
 
@@ -232,6 +340,22 @@ fn millis(at: SimTime) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pause_is_no_delay() {
+        let mut pace = Pace::new(Some(10.0));
+        let second = SimTime::from_ticks(1_000_000_000_000);
+        let early = pace.early(second);
+        assert!(early > Duration::from_millis(90) && early <= Duration::from_millis(100));
+        pace.change(second, Some(2.0), false);
+        let early = pace.early(SimTime::from_ticks(2_000_000_000_000));
+        assert!(early > Duration::from_millis(490) && early <= Duration::from_millis(500));
+        pace.change(second, None, true);
+        assert!(pace.is_paused());
+        assert_eq!(pace.early(second), Duration::ZERO);
+        assert_eq!(pace.speed(), None);
+        assert!(pace.behind < Duration::from_millis(50));
+    }
 
     #[test]
     fn ways_to_the_bus_are_named() {

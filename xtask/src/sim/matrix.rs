@@ -135,6 +135,12 @@ impl Matrix {
             .map(|message| message.name.as_str())
     }
 
+    /// Whether the message with this identifier comes again and again, on whatever bus.
+    pub(crate) fn is_cyclic(&self, id: u16) -> bool {
+        let message = self.network.message(id);
+        message.is_some_and(|message| matches!(message.send_type, SendType::Cyclic { .. }))
+    }
+
     /// The name of the value that a frame carries in a signal, if it has this signal and names for it.
     pub(crate) fn named(&self, frame: &FrameRecord, signal: &str) -> Option<String> {
         let message = self.network.message(frame.id)?;

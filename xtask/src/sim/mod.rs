@@ -10,8 +10,10 @@ pub(crate) mod matrix;
 mod recording;
 mod sense;
 mod tasks;
+mod view;
 
 pub use gdb::Place;
+pub use view::{NoSpeed, SPEEDS, Speed};
 
 pub(crate) use faults::{Trouble, first as first_faults};
 pub use live::{Can, Error as LiveError};
@@ -43,6 +45,7 @@ use bus::Log;
 use live::Live;
 use matrix::Matrix;
 use recording::{NodeRecording, Recorder};
+use view::Subject;
 
 /// Why a simulation fails.
 #[derive(Debug, thiserror::Error)]
@@ -269,10 +272,15 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
 
 /// The pace of the run, and the way of other programs to its bus; `None` if it runs as fast as it can.
 fn live(vehicle: &Vehicle, options: &Sim) -> Result<Option<Live>, live::Error> {
-    let wanted = options.can.is_some() || options.real_time.is_some();
+    let watched = options.watch.is_some();
+    let wanted = options.can.is_some() || options.real_time.is_some() || watched;
     let open = || {
-        let speed = options.real_time.unwrap_or(1.0);
-        Live::open(options.can.as_ref(), speed, vehicle.network().bit_rate)
+        let speed = match options.watch {
+            Some(Speed(speed)) => speed,
+            None => Some(options.real_time.unwrap_or(1.0)),
+        };
+        let can = options.can.as_ref();
+        Live::open(can, speed, watched, vehicle.network().bit_rate)
     };
     wanted.then(open).transpose()
 }
@@ -541,12 +549,20 @@ fn finish<'s>(
     let start = Instant::now();
     let mut display = Display::new();
     let mut recorder = Recorder::new(&mut twin, images, record_tasks);
+    if let Some(live) = &mut live {
+        live.show(Subject::new(vehicle, scenario, seed, end))
+            .map_err(Error::from)?;
+    }
+    let shown = live.as_ref().is_some_and(Live::is_shown);
     let span = agreement::SPAN.as_ticks();
     while twin.now() < end {
         let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
         recorder.run_until(&mut twin, end.min(next), live.as_mut())?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
+        }
+        if shown {
+            continue;
         }
         let (done, all) = (time::seconds(twin.now()), time::seconds(end));
         let progress = |wall: Duration| {
@@ -559,6 +575,9 @@ fn finish<'s>(
     }
     let outcome = twin.finish();
     display.end();
+    if let Some(live) = &mut live {
+        live.hide();
+    }
     if let Some(late) = live.as_ref().and_then(Live::late) {
         eprintln!(
             "note: the simulation fell up to {} ms behind the time, so what others send came that late",
@@ -719,6 +738,8 @@ impl Finished<'_> {
             GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
         });
         summary.bus.gates = self.gates();
+        // Where no frame was on the bus, an error frame destroys none, and the frames alone do not show it.
+        summary.bus.error_frames = self.log.errors.len() as u64;
         summary
     }
 

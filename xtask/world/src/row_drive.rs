@@ -5,6 +5,8 @@
 
 use std::collections::VecDeque;
 
+use serde::{Deserialize, Serialize};
+
 use crate::distance::{self, Beam, DistanceSensor, Fault, metres};
 use crate::rover::{self, Axles, Mount, Rover, Side, State, Terrain};
 use crate::rows::{Contact, Footprint, Rows};
@@ -381,7 +383,7 @@ pub struct Chain {
 }
 
 /// What a drive came to.
-#[derive(Copy, Clone, Debug, Default, PartialEq)]
+#[derive(Copy, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Followed {
     /// Mean distance from the middle of the row, metres.
     pub offset: f64,

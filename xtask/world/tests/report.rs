@@ -7,7 +7,7 @@ use std::time::Duration;
 use world::receiver::Fix;
 use world::report::{
     CropRun, Due, FrameRecord, Judgement, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
-    WindowKind, approached, expectations, states, terminal, track_svg,
+    WindowContent, WindowKind, approached, expectations, last_cycle, states, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
 use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
@@ -402,6 +402,19 @@ fn each_expectation_is_judged_by_what_the_run_shows() {
         judged(&made, &early),
         (Judgement::Met, "1 frames of it".into())
     );
+    let never = format!("{status}from = \"10 s\"");
+    assert_eq!(
+        judged(&made, &never),
+        (Judgement::Open, "the run ended at 10 s".into())
+    );
+    let text = format!("duration = \"10 s\"\n[[expect]]\n{never}");
+    let error = Scenario::parse(&uagv::vehicle(), "made", "made", &text).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("its period begins at 10 s, when the run ends"),
+        "{error}"
+    );
     let late = format!("{status}from = \"5 s\"");
     assert_eq!(
         judged(&made, &late),
@@ -572,6 +585,40 @@ fn bus_figures() {
             (206, 2, 1, Some(-2.0), Some(0.0), Some(2.0)),
         ]
     );
+}
+
+#[test]
+fn the_last_whole_cycle_tells_what_came_in_each_window() {
+    let contents = |made: &Made| -> Vec<WindowContent> {
+        let cycle = last_cycle(&made.run()).unwrap();
+        assert_eq!(cycle.begin, micros(110_000.0));
+        let windows = cycle.windows.into_iter().enumerate();
+        windows
+            .map(|(number, (place, content))| {
+                assert_eq!(place, number);
+                content
+            })
+            .collect()
+    };
+    let mut made = traffic();
+    let [reference, position, pot, event] = contents(&made)[..] else {
+        panic!("four windows");
+    };
+    assert_eq!(reference, WindowContent::Frame(0.0));
+    // Without a fix it is not due.
+    assert_eq!(position, WindowContent::Empty);
+    assert!(matches!(pot, WindowContent::Frame(behind) if (behind + 2.0).abs() < 1e-6));
+    assert_eq!(event, WindowContent::Empty);
+    made.frames[5].complete = false;
+    assert_eq!(contents(&made)[2], WindowContent::Destroyed);
+    made.frames.remove(5);
+    assert_eq!(contents(&made)[2], WindowContent::Missed);
+    made.frames[4].data[0] = 1;
+    assert_eq!(contents(&made)[1], WindowContent::Missed);
+    // The first cycle is not over.
+    made.duration = 0.1;
+    made.frames.truncate(4);
+    assert_eq!(last_cycle(&made.run()), None);
 }
 
 /// The master sends at 10 and 110 ms and dies at 150 ms; the backup follows.

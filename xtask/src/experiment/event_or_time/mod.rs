@@ -13,14 +13,13 @@ use std::sync::Arc;
 
 use can_bus::{RecordKind, SimTime};
 use schedulability::{foreign::Foreign, system::Programs};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use twin::{Images, Twin};
 use vehicle_model::{Overrides, Protocol, Vehicle};
-use world::report::OutputFolder;
 use world::time::{at, from_seconds, span_seconds};
 use world::{Scenario, ScenarioError};
 
-use super::{Error, RunError, needed, run_all};
+use super::{Error, RunError, kept::Place, needed, run_all};
 use crate::{
     Failure, Workspace, build,
     cli::Sim,
@@ -113,7 +112,7 @@ struct Job<'a> {
 }
 
 /// What a run showed, from [`FROM`] on.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Seen {
     /// From first sample to pulse, us.
     latencies: Vec<f64>,
@@ -180,10 +179,7 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     needed(&vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
     let on = |protocol| on_protocol(workspace, options, own.clone().on(protocol));
     let [event, time] = [on(Protocol::EventTriggered)?, on(Protocol::TimeTriggered)?];
-    let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
-        None => None,
-    };
+    let place = Place::of(options)?;
     let cases = cases();
     let of = |case: Case| match case.way.protocol() {
         Protocol::EventTriggered => &event,
@@ -201,7 +197,16 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             seed,
         })
         .collect();
-    let seen = run_all(&jobs, &Job::name, &Job::run)?;
+    let kept = match &place {
+        Some(place) => {
+            let both = [&event, &time];
+            let scenarios = both.map(|on| &on.scenario);
+            let images = both.map(|on| (&on.vehicle, &*on.images));
+            place.kept(NAME, options, &scenarios, &images)?
+        }
+        None => None,
+    };
+    let seen = run_all(&jobs, &Job::name, kept, &Job::run)?;
     let mut bounds = Vec::new();
     for on in [&event, &time] {
         let own = cases.iter().filter(|case| std::ptr::eq(of(**case), on));
@@ -216,19 +221,9 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             Figures::of(*case, &own, bound.and_then(|(_, bound)| *bound))
         })
         .collect();
-    if let Some(mut folder) = folder {
-        let path = folder
-            .write(
-                "experiment.json",
-                report::json(options, &figures).as_bytes(),
-            )
-            .and_then(|()| folder.write("latency.svg", report::picture(&figures).as_bytes()))
-            .and_then(|()| folder.finish())
-            .map_err(Error::from)?;
-        eprintln!(
-            "Wrote experiment.json and latency.svg to {}.",
-            path.display()
-        );
+    if let Some(place) = place {
+        let (report, picture) = (report::json(options, &figures), report::picture(&figures));
+        place.finish(&[("experiment.json", &report), ("latency.svg", &picture)])?;
     }
     if options.json {
         print!("{}", report::json(options, &figures));

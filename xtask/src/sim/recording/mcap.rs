@@ -169,6 +169,12 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
                 "",
                 "whether it asks for the message and has no data",
             ),
+            (
+                "dlc",
+                "integer",
+                "",
+                "data bytes, or those that it asks for",
+            ),
             ("start", "number", "s", "first edge of start of frame"),
             ("duration", "number", "us", "to the end of the frame"),
             (
@@ -191,6 +197,7 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
             "sender": finished.sender(index),
             "data": data,
             "remote": remote,
+            "dlc": frame.dlc,
             "start": seconds(frame.start),
             "duration": micros,
             "complete": frame.complete,

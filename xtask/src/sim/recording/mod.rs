@@ -2,6 +2,7 @@
 //! cores execute when.
 
 pub(super) mod files;
+pub(super) mod happened;
 pub(super) mod mcap;
 pub(super) mod replay;
 
@@ -104,7 +105,7 @@ impl Recorder {
             twin.run_until(end.min(twin.now() + STEP))?;
             self.fetch(twin);
             if let Some(live) = &mut live {
-                live.keep_up(twin)?;
+                live.keep_up(twin, &self.nodes)?;
             }
         }
         Ok(())
@@ -123,6 +124,12 @@ impl Recorder {
                 }
             }
         }
+    }
+
+    /// What has been recorded so far, in the order of the nodes.
+    #[cfg(test)]
+    pub(crate) fn nodes(&self) -> &[NodeRecording] {
+        &self.nodes
     }
 
     /// What was recorded, in the order of the nodes.

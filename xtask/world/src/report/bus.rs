@@ -76,6 +76,45 @@ impl Cycle<'_> {
         (inside && window.id == frame.id && self.has(window)).then_some(offset)
     }
 
+    /// When the complete frames in a window start, microseconds after its begin.
+    fn starts(&self, window: &Window) -> impl Iterator<Item = f64> {
+        let complete = self.frames.iter().filter(|frame| frame.complete);
+        complete.filter_map(|frame| self.start_in(window, frame))
+    }
+
+    /// Whether a window's message is due, and the basic cycle did not end before.
+    fn expects(&self, window: &Window) -> bool {
+        let due = match window.due {
+            Due::Always => true,
+            Due::WhileFixed => self.reference.dlc > 0 && self.reference.data[0] & 1 == 1,
+            Due::Sometimes => false,
+        };
+        due && after(self.reference.start, window.start + window.length) <= self.end
+    }
+
+    /// Whether a window comes in this basic cycle; of the references, the one that began it.
+    fn comes_with(&self, window: &Window) -> bool {
+        match window.kind {
+            WindowKind::Reference => window.id == self.reference.id,
+            WindowKind::Exclusive | WindowKind::Arbitrating => self.has(window),
+        }
+    }
+
+    /// What a window has brought.
+    fn content(&self, window: &Window) -> WindowContent {
+        let destroyed = || {
+            let mut frames = self.frames.iter().filter(|frame| !frame.complete);
+            frames.any(|frame| self.start_in(window, frame).is_some())
+        };
+        match self.starts(window).next() {
+            _ if window.kind == WindowKind::Reference => WindowContent::Frame(0.0),
+            Some(start) => WindowContent::Frame(start),
+            None if destroyed() => WindowContent::Destroyed,
+            None if self.expects(window) => WindowContent::Missed,
+            None => WindowContent::Empty,
+        }
+    }
+
     /// The complete frames of exclusive messages that are in none of their windows.
     fn misplaced(&self, exclusive: &[&Window]) -> usize {
         let placed = |frame: &FrameRecord| {
@@ -99,24 +138,59 @@ struct Tally {
 fn tally(window: &Window, cycles: &[Cycle]) -> Tally {
     let mut tally = Tally::default();
     for cycle in cycles.iter().filter(|cycle| cycle.has(window)) {
-        let complete = cycle.frames.iter().filter(|frame| frame.complete);
         let before = tally.starts.len();
-        tally
-            .starts
-            .extend(complete.filter_map(|frame| cycle.start_in(window, frame)));
+        tally.starts.extend(cycle.starts(window));
         let seen = tally.starts.len() > before;
-        let fixed = cycle.reference.dlc > 0 && cycle.reference.data[0] & 1 == 1;
-        let due = match window.due {
-            Due::Always => true,
-            Due::WhileFixed => fixed,
-            Due::Sometimes => false,
-        };
-        let end = after(cycle.reference.start, window.start + window.length);
-        if due && end <= cycle.end && !seen && !tally.starts.is_empty() {
+        if cycle.expects(window) && !seen && !tally.starts.is_empty() {
             tally.missed += 1;
         }
     }
     tally
+}
+
+/// What a window of a basic cycle has brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WindowContent {
+    /// A frame that began so many microseconds after the window did.
+    Frame(f64),
+    /// A destroyed frame.
+    Destroyed,
+    /// Nothing, although the message was due.
+    Missed,
+    /// Nothing, which is as it should be.
+    Empty,
+}
+
+/// The last basic cycle that is over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LastCycle {
+    /// What its reference counts it as.
+    pub count: u8,
+    /// Start of its reference.
+    pub begin: SimTime,
+    /// The windows that come in it, in order of time, with their places in [`Run::windows`].
+    pub windows: Vec<(usize, WindowContent)>,
+}
+
+/// The last basic cycle of a run that is over; `None` without a reference.
+#[must_use]
+pub fn last_cycle(run: &Run) -> Option<LastCycle> {
+    let cycles = cycles(run);
+    let cycle = cycles
+        .iter()
+        .rev()
+        .find(|cycle| cycle.end < at(run.duration))?;
+    let windows = run.windows.iter().enumerate();
+    let mut windows: Vec<_> = windows
+        .filter(|(_, window)| cycle.comes_with(window))
+        .map(|(place, window)| (place, cycle.content(window)))
+        .collect();
+    windows.sort_by_key(|&(place, _)| run.windows[place].start);
+    Some(LastCycle {
+        count: cycle.count,
+        begin: cycle.reference.start,
+        windows,
+    })
 }
 
 fn least(values: &[f64]) -> Option<f64> {

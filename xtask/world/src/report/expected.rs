@@ -66,7 +66,9 @@ pub fn expectations(run: &Run, summary: &Summary, decode: Decode<'_>) -> Vec<Exp
     let each = run.scenario.expect.iter();
     each.map(|expectation| {
         let end = span_seconds(run.duration);
-        let early = expectation.judged_at().is_some_and(|at| at > end);
+        // A period that begins with the end of the run has nothing in it.
+        let early = expectation.judged_at().is_some_and(|at| at > end)
+            || expectation.begins_at().is_some_and(|from| from >= end);
         let (judgement, seen) = if early {
             let seen = format!("the run ended at {}", Time::new(end));
             (Judgement::Open, seen)

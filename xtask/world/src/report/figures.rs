@@ -61,7 +61,7 @@ pub struct BusFigures {
     pub load_percent: f64,
     /// Complete frames.
     pub frames: u64,
-    /// Frames that ended in an error frame.
+    /// Error frames; where only frames are known, those that ended in one.
     pub error_frames: u64,
     /// Basic cycles: reference messages.
     pub basic_cycles: u64,

@@ -26,6 +26,7 @@ use crate::record::{EffortChange, StateSample};
 use crate::scenario::Scenario;
 use crate::time::{SimDuration, SimTime};
 
+pub use bus::{LastCycle, WindowContent, last_cycle};
 pub use crop::{CropFigures, CropRun, GuideFigures, crop_svg};
 pub use expected::{Decode, ExpectationFigures, Judgement, expectations};
 pub use figures::{

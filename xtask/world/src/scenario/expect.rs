@@ -176,6 +176,16 @@ impl Expectation {
             Self::CleanBus {} | Self::Count { .. } => None,
         }
     }
+
+    /// When the period begins that it looks at, seconds; `None` if it looks at no period.
+    pub(crate) fn begins_at(&self) -> Option<f64> {
+        match self {
+            Self::Error { from, .. } | Self::Frames { from, .. } | Self::Signal { from, .. } => {
+                Some(from.get())
+            }
+            Self::Mode { .. } | Self::Stop { .. } | Self::CleanBus {} | Self::Count { .. } => None,
+        }
+    }
 }
 
 /// Checks the expectations of a scenario.
@@ -188,6 +198,12 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Result<(), String
             return Err(format!(
                 "{field}: it is judged at {} only, and the run ends at {}",
                 Time::new(at),
+                scenario.duration
+            ));
+        }
+        if expectation.begins_at().is_some_and(|from| from >= end) {
+            return Err(format!(
+                "{field}: its period begins at {}, when the run ends",
                 scenario.duration
             ));
         }

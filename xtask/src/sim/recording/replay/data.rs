@@ -3,9 +3,10 @@
 use serde_json::{Value, json};
 use world::SimTime;
 use world::report::{Cell, FrameRecord, Summary, Table, WindowKind, rounded};
-use world::time::{Span as _, seconds, span_micros};
+use world::time::{seconds, span_micros};
 
 use super::super::super::{FOREIGN, Finished};
+use super::super::happened::{Event, Happened, NodeHistory};
 use super::super::{Segment, files::console_lines};
 use super::Columns;
 use crate::analyse::decode::{Decoder, Field, Known};
@@ -214,48 +215,40 @@ fn states_json(states: &Table) -> Value {
 
 /// What happened: time, text and whether it is bad.
 fn events(finished: &Finished<'_>, summary: &Summary) -> Vec<Value> {
-    let mut all: Vec<(f64, String, bool)> = Vec::new();
-    for mode in &finished.modes {
-        all.push((seconds(mode.at), format!("mode {}", mode.mode), false));
-    }
-    for (table, at) in finished.scenario.beginnings() {
-        let at = seconds(world::time::at(at.span()));
-        if at > seconds(finished.outcome.duration) {
-            continue;
-        }
-        all.push((at, format!("scenario: {table}"), false));
-    }
-    for node in &finished.outcome.nodes {
-        for (at, cause) in node.resets.iter().skip(1) {
-            let text = format!("{} starts again: {cause:?}", node.name);
-            all.push((seconds(*at), text, true));
-        }
-    }
-    for change in &finished.outcome.gates {
-        let gate = if change.closed { "closes" } else { "opens" };
-        let node = finished.node_name(change.node);
-        all.push((
-            seconds(change.at),
-            format!("the guardian {gate} the gate of {node}"),
-            change.closed,
-        ));
-    }
-    for (node, recording) in finished.nodes.iter().zip(&finished.recordings) {
-        let bad = recording
-            .log
-            .iter()
-            .filter(|line| matches!(line.parts().0, "WARN" | "ERROR"));
-        all.extend(bad.map(|line| (seconds(line.at), format!("{node}: {}", line.text), true)));
-    }
+    let nodes = finished.nodes.iter().zip(&finished.outcome.nodes);
+    let happened = Happened {
+        scenario: finished.scenario,
+        until: finished.outcome.duration,
+        modes: &finished.modes,
+        gates: &finished.outcome.gates,
+        nodes: nodes
+            .zip(&finished.recordings)
+            .map(|((name, outcome), recording)| NodeHistory {
+                name,
+                resets: &outcome.resets,
+                log: &recording.log,
+            })
+            .collect(),
+    };
+    let mut all = happened.events();
     if let Some(settled) = summary
         .autonomous_runs
         .first()
         .and_then(|run| run.settling_seconds.map(|after| run.from_seconds + after))
     {
-        all.push((settled, "settled on the line".to_owned(), false));
+        let place = all.partition_point(|one| one.at <= settled);
+        let text = "settled on the line".to_owned();
+        let bad = false;
+        all.insert(
+            place,
+            Event {
+                at: settled,
+                text,
+                bad,
+            },
+        );
     }
-    all.sort_by(|one, other| one.0.total_cmp(&other.0));
-    let event = |(at, text, bad): (f64, String, bool)| json!([rounded(at, 4), text, bad]);
+    let event = |one: Event| json!([rounded(one.at, 4), one.text, one.bad]);
     all.into_iter().map(event).collect()
 }
 
