@@ -158,6 +158,9 @@ fn channels(bytes: &[u8]) -> BTreeMap<String, usize> {
             let fits = told == kind || (told == "integer" && field.as_u64().is_some());
             assert!(fits, "{} of {}: {told}, {field}", name, channel.topic);
         }
+        if channel.topic.starts_with("/load/") {
+            adds_up(&value);
+        }
         *topics.entry(channel.topic.clone()).or_default() += 1;
     }
     for topic in [
@@ -166,11 +169,24 @@ fn channels(bytes: &[u8]) -> BTreeMap<String, usize> {
         "/log/gps",
         "/display",
         "/mode",
+        "/load/controller",
+        "/events",
     ] {
         assert!(topics.contains_key(topic), "{topic}: {topics:?}");
     }
     assert_eq!(topics["/bus/errors"], 1);
+    assert_eq!(topics["/load/controller"], topics["/load/drive"]);
     topics
+}
+
+/// The times of all tasks are the load of the basic cycle of 100 ms.
+fn adds_up(load: &Value) {
+    let fields = load.as_object().unwrap().iter();
+    let tasks = fields.filter(|(name, _)| *name != "load");
+    let sum: f64 = tasks.map(|(_, micros)| micros.as_f64().unwrap()).sum();
+    let told = load["load"].as_f64().unwrap();
+    assert!((sum / 1000.0 - told).abs() < 0.01, "{sum} {told}");
+    assert!((0.1..100.0).contains(&told), "{told}");
 }
 
 /// The `mcap` and `python-can` of PyPI count what is in the files.

@@ -664,7 +664,8 @@ impl Finished<'_> {
             folder.write(&name, text.as_bytes())?;
             names.push(name);
         }
-        let recorded = recording::mcap::mcap(self, states.as_ref()).map_err(Error::Recording)?;
+        let recorded =
+            recording::mcap::mcap(self, summary, states.as_ref()).map_err(Error::Recording)?;
         folder.write("run.mcap", &recorded)?;
         let page = recording::replay::page(self, summary, states.as_ref()).map_err(Error::Page)?;
         folder.write("run.html", page.as_bytes())?;

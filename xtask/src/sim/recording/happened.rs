@@ -1,11 +1,11 @@
 //! What happened in a run, so far or to its end.
 
 use twin::{GateChange, ResetCause};
-use world::report::ModeChange;
+use world::report::{ModeChange, Summary};
 use world::time::{Span as _, seconds};
 use world::{Scenario, SimTime};
 
-use super::LogLine;
+use super::{super::Finished, LogLine};
 
 /// An event of a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,4 +85,42 @@ impl Happened<'_> {
         all.sort_by(|one, other| one.at.total_cmp(&other.at));
         all
     }
+}
+
+/// What happened in a finished run.
+pub(crate) fn of_run(finished: &Finished<'_>, summary: &Summary) -> Vec<Event> {
+    let nodes = finished.nodes.iter().zip(&finished.outcome.nodes);
+    let happened = Happened {
+        scenario: finished.scenario,
+        until: finished.outcome.duration,
+        modes: &finished.modes,
+        gates: &finished.outcome.gates,
+        nodes: nodes
+            .zip(&finished.recordings)
+            .map(|((name, outcome), recording)| NodeHistory {
+                name,
+                resets: &outcome.resets,
+                log: &recording.log,
+            })
+            .collect(),
+    };
+    let mut all = happened.events();
+    if let Some(settled) = summary
+        .autonomous_runs
+        .first()
+        .and_then(|run| run.settling_seconds.map(|after| run.from_seconds + after))
+    {
+        let place = all.partition_point(|one| one.at <= settled);
+        let text = "settled on the line".to_owned();
+        let bad = false;
+        all.insert(
+            place,
+            Event {
+                at: settled,
+                text,
+                bad,
+            },
+        );
+    }
+    all
 }

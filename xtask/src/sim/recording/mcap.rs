@@ -6,11 +6,11 @@ use std::{collections::BTreeMap, io::Cursor};
 
 use mcap::{WriteOptions, records::MessageHeader};
 use serde_json::{Map, Value, json};
-use world::report::{Cell, Table};
+use world::report::{Cell, Summary, Table, rounded};
 use world::{SimTime, time::seconds};
 
 use super::super::Finished;
-use super::files::console_lines;
+use super::{files::console_lines, happened::of_run};
 use crate::analyse::decode::{Decoder, Field};
 
 /// A field of a message: its name, its kind in a JSON schema, its unit, what it is.
@@ -80,7 +80,11 @@ impl Tracks {
 ///
 /// # Errors
 /// What the library says; writing to memory does not fail.
-pub(crate) fn mcap(finished: &Finished<'_>, states: Option<&Table>) -> mcap::McapResult<Vec<u8>> {
+pub(crate) fn mcap(
+    finished: &Finished<'_>,
+    summary: &Summary,
+    states: Option<&Table>,
+) -> mcap::McapResult<Vec<u8>> {
     let mut tracks = Tracks::default();
     if let Some(states) = states {
         truth(&mut tracks, states);
@@ -88,7 +92,9 @@ pub(crate) fn mcap(finished: &Finished<'_>, states: Option<&Table>) -> mcap::Mca
     bus(&mut tracks, finished);
     signals(&mut tracks, finished);
     nodes(&mut tracks, finished);
+    load(&mut tracks, finished);
     world(&mut tracks, finished);
+    happened(&mut tracks, finished, summary);
     write(tracks)
 }
 
@@ -303,6 +309,66 @@ fn nodes(tracks: &mut Tracks, finished: &Finished<'_>) {
         for one in console_lines(node) {
             tracks.message(one.at, channel, line(one.at, 2, &one.text));
         }
+    }
+}
+
+/// What each task of each node took of each basic cycle. The single activations are too many for messages
+/// of JSON: `run.html` has them.
+fn load(tracks: &mut Tracks, finished: &Finished<'_>) {
+    let cycle = finished.matrix.basic_cycle().as_ticks().max(1);
+    for node in &finished.nodes {
+        let executed = finished.executed(node);
+        let mut tasks: Vec<&str> = executed.iter().map(|one| one.2).collect();
+        tasks.sort_unstable();
+        tasks.dedup();
+        if tasks.is_empty() {
+            continue;
+        }
+        let what = "processor time in the basic cycle that ends";
+        let mut properties = vec![("load", "number", "%", "share of the basic cycle that ends")];
+        properties.extend(tasks.iter().map(|&task| (task, "number", "us", what)));
+        let topic = format!("/load/{node}");
+        let channel = tracks.channel(Channel::new(&topic, "furrow.Load", &properties));
+        let mut cycles: Vec<BTreeMap<&str, u64>> = Vec::new();
+        for (from, until, task) in executed {
+            let (mut from, until) = (from.as_ticks(), until.as_ticks());
+            while from < until {
+                let number = from / cycle;
+                let end = until.min((number + 1) * cycle);
+                let place = usize::try_from(number).unwrap_or(usize::MAX);
+                if cycles.len() <= place {
+                    cycles.resize_with(place + 1, BTreeMap::new);
+                }
+                *cycles[place].entry(task).or_default() += end - from;
+                from = end;
+            }
+        }
+        for (number, taken) in (1_u64..).zip(&cycles) {
+            let of = |task: &&str| taken.get(task).copied().unwrap_or(0);
+            let micros = |ticks: u64| rounded(ticks as f64 / 1e6, 3);
+            let mut value: Map<String, Value> = tasks
+                .iter()
+                .map(|task| ((*task).to_owned(), json!(micros(of(task)))))
+                .collect();
+            let all: u64 = taken.values().sum();
+            let share = rounded(all as f64 / cycle as f64 * 100.0, 3);
+            value.insert("load".to_owned(), json!(share));
+            let at = SimTime::from_ticks(number * cycle);
+            tracks.message(at, channel, Value::Object(value));
+        }
+    }
+}
+
+/// What happened: events of the scenario, the nodes, the bus guardian and the report.
+fn happened(tracks: &mut Tracks, finished: &Finished<'_>, summary: &Summary) {
+    let properties = [
+        ("text", "string", "", "what happened"),
+        ("bad", "boolean", "", "whether it is bad"),
+    ];
+    let channel = tracks.channel(Channel::new("/events", "furrow.Event", &properties));
+    for event in of_run(finished, summary) {
+        let at = world::time::at(world::time::from_seconds(event.at));
+        tracks.message(at, channel, json!({ "text": event.text, "bad": event.bad }));
     }
 }
 

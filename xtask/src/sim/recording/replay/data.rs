@@ -6,7 +6,7 @@ use world::report::{Cell, FrameRecord, Summary, Table, WindowKind, rounded};
 use world::time::{seconds, span_micros};
 
 use super::super::super::{FOREIGN, Finished};
-use super::super::happened::{Event, Happened, NodeHistory};
+use super::super::happened::{Event, of_run};
 use super::super::{Segment, files::console_lines};
 use super::Columns;
 use crate::analyse::decode::{Decoder, Field, Known};
@@ -215,41 +215,8 @@ fn states_json(states: &Table) -> Value {
 
 /// What happened: time, text and whether it is bad.
 fn events(finished: &Finished<'_>, summary: &Summary) -> Vec<Value> {
-    let nodes = finished.nodes.iter().zip(&finished.outcome.nodes);
-    let happened = Happened {
-        scenario: finished.scenario,
-        until: finished.outcome.duration,
-        modes: &finished.modes,
-        gates: &finished.outcome.gates,
-        nodes: nodes
-            .zip(&finished.recordings)
-            .map(|((name, outcome), recording)| NodeHistory {
-                name,
-                resets: &outcome.resets,
-                log: &recording.log,
-            })
-            .collect(),
-    };
-    let mut all = happened.events();
-    if let Some(settled) = summary
-        .autonomous_runs
-        .first()
-        .and_then(|run| run.settling_seconds.map(|after| run.from_seconds + after))
-    {
-        let place = all.partition_point(|one| one.at <= settled);
-        let text = "settled on the line".to_owned();
-        let bad = false;
-        all.insert(
-            place,
-            Event {
-                at: settled,
-                text,
-                bad,
-            },
-        );
-    }
     let event = |one: Event| json!([rounded(one.at, 4), one.text, one.bad]);
-    all.into_iter().map(event).collect()
+    of_run(finished, summary).into_iter().map(event).collect()
 }
 
 /// Logs and consoles: name, and lines with their times.
