@@ -686,7 +686,8 @@ pub struct Figures {
     stays empty after its message has come once. Where the time stamps go back, the time goes on; behind\n\
     a gap nothing is known until it is told again.\n\n\
     --out writes analysis.html, analysis.json, events.csv and messages.csv (a row for each signal of\n\
-    each frame), and both tables as Parquet: events.parquet and messages.parquet.")]
+    each frame), both tables as Parquet (events.parquet, messages.parquet), and a picture of each\n\
+    chart: analysis-track.svg, ...")]
 pub struct Analyse {
     /// Logs of one drive, in order of time
     #[arg(value_name = "LOG", required = true)]

@@ -441,6 +441,9 @@ fn a_restless_bus_gives_a_report_that_can_be_read() {
     let page = fs::read_to_string(out.join("analysis.html")).unwrap();
     assert!(page.contains("1000 more rows are in analysis.json."));
     assert!(page.len() < 2_000_000, "{}", page.len());
+    let picture = fs::read_to_string(out.join("analysis-windows.svg")).unwrap();
+    assert!(picture.starts_with("<svg xmlns=") && picture.ends_with("</svg>"));
+    assert_eq!(picture.matches("<svg").count(), 1);
 }
 
 #[test]

@@ -26,7 +26,7 @@ use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
-use crate::{Failure, Workspace, cli::Analyse, progress::Display, vehicle};
+use crate::{Failure, Workspace, cli::Analyse, page::chart, progress::Display, vehicle};
 use decode::Decoder;
 use events::Events;
 use figures::rounded;
@@ -75,12 +75,21 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
         if let Some(messages) = messages {
             messages.finish()?;
         }
-        folder.write("analysis.html", page::page(&found).as_bytes())?;
+        let page = page::page(&found);
+        folder.replace_older(|name| name.starts_with(PICTURE) && name.ends_with(".svg"));
+        for (name, picture) in chart::pictures(&page) {
+            folder.write(&format!("{PICTURE}{name}.svg"), picture.as_bytes())?;
+        }
+        folder.write("analysis.html", page.as_bytes())?;
         folder.write("events.csv", table::events(&summary.events).as_bytes())?;
         table::write_events(folder.file("events.parquet")?, &summary.events)?;
         folder.write("analysis.json", json(summary).as_bytes())?;
         let path = folder.finish()?;
-        eprintln!("Wrote {} to {}.", FILES.join(", "), path.display());
+        let files = FILES.join(", ");
+        eprintln!(
+            "Wrote {files} and a picture of each chart to {}.",
+            path.display()
+        );
     }
     if options.json {
         print!("{}", json(summary));
@@ -89,6 +98,9 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     }
     Ok(())
 }
+
+/// How the names of pictures begin.
+const PICTURE: &str = "analysis-";
 
 /// The files of an analysis.
 const FILES: [&str; 6] = [

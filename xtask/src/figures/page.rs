@@ -122,7 +122,8 @@ pub(super) fn pictures(drawn: &[(&Figure, Drawn)]) -> Vec<(String, String)> {
                 String::new()
             };
             let name = format!("figure-{}{part}.svg", figure.number);
-            all.push((name, chart::standalone(chart)));
+            let pictures = chart::pictures(&chart.0).into_iter();
+            all.extend(pictures.map(|(_, picture)| (name.clone(), picture)));
         }
     }
     all

@@ -191,7 +191,7 @@ impl Chart {
     pub(crate) fn finish(self, title: &str, description: &str) -> Markup {
         let id = self.id;
         let (left, width) = (self.left, WIDTH - self.left - RIGHT);
-        let (title_id, text_id) = (format!("{id}-title"), format!("{id}-text"));
+        let (title_id, text_id) = (format!("{id}{TITLE}"), format!("{id}-text"));
         let all = self.bottom() + BELOW;
         html! {
             figure {
@@ -213,16 +213,23 @@ impl Chart {
     }
 }
 
-/// A finished chart as a picture of its own.
-pub(crate) fn standalone(chart: &Markup) -> String {
-    let text = chart.0.as_str();
-    let begin = text.find("<svg").unwrap_or(0);
-    let end = text
-        .rfind("</svg>")
-        .map_or(text.len(), |at| at + "</svg>".len());
-    let picture = text.get(begin..end).unwrap_or_default();
-    let named = picture.replacen("<svg", "<svg xmlns=\"http://www.w3.org/2000/svg\"", 1);
-    named.replacen('>', &format!("><style>{STYLE}</style>"), 1)
+/// What the title of a chart has behind the chart's name.
+const TITLE: &str = "-title";
+
+/// The charts of a page, each as a picture of its own with the chart's name.
+pub(crate) fn pictures(page: &str) -> Vec<(String, String)> {
+    let charts = page.split("<svg ").skip(1);
+    let picture = |chart: &str| {
+        let (chart, _) = chart.split_once("</svg>")?;
+        let (_, named) = chart.split_once("aria-labelledby=\"")?;
+        let (name, _) = named.split_once(TITLE)?;
+        let (attributes, shapes) = chart.split_once('>')?;
+        let picture = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" {attributes}><style>{STYLE}</style>{shapes}</svg>"
+        );
+        Some((name.to_owned(), picture))
+    };
+    charts.filter_map(picture).collect()
 }
 
 /// A length of the picture.
