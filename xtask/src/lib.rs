@@ -35,6 +35,7 @@ pub mod vehicle;
 mod failure;
 mod file;
 mod log;
+mod network;
 mod page;
 mod progress;
 mod seal;

@@ -1,11 +1,11 @@
 //! Events: event messages, missing references, gaps, and time stamps that go back.
 
 use super::{
-    decode::{Decoder, Field, Known},
     figures::{Event, EventKind, ModeFigures, identifier, rounded},
     guidance::UNKNOWN,
     timing::Irregularity,
 };
+use crate::network::decode::{Decoder, Field, Known};
 
 /// Most events that are kept; a bus in trouble may have millions.
 const MOST: usize = 100_000;

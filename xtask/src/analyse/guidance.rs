@@ -7,10 +7,10 @@ use world::report::{approached, settled};
 use world::scenario::{Line, Point};
 
 use super::{
-    decode::{Decoder, Field, Known},
     figures::{GuidanceFigures, HistogramFigures, ModeFigures, RunFigures, rounded},
     series::Spread,
 };
+use crate::network::decode::{Decoder, Field, Known};
 
 /// A measured position.
 #[derive(Debug, Clone, Copy, PartialEq)]

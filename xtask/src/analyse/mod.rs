@@ -1,6 +1,5 @@
 //! `analyse`: reads the log of a CAN bus and reports traffic, timing, guidance and events.
 
-pub(crate) mod decode;
 mod drawings;
 mod events;
 mod figures;
@@ -26,8 +25,10 @@ use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
-use crate::{Failure, Workspace, cli::Analyse, page::chart, progress::Display, vehicle};
-use decode::Decoder;
+use crate::{
+    Failure, Workspace, cli::Analyse, network::decode::Decoder, page::chart, progress::Display,
+    vehicle,
+};
 use events::Events;
 use figures::rounded;
 pub use figures::{

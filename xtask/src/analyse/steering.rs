@@ -7,11 +7,11 @@ use vehicle_model::units::{CountKind, RateKind, factor};
 use vehicle_model::{Device, Vehicle};
 
 use super::{
-    decode::{Decoder, Field},
     figures::{SteeringFigures, rounded},
     guidance::Place,
     series::Spread,
 };
+use crate::network::decode::{Decoder, Field};
 
 /// The constants of the machine that are compiled into the steering node.
 struct Machine {

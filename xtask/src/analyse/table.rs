@@ -8,11 +8,11 @@ use std::{
 use parquet::data_type::ByteArray;
 
 use super::{
-    decode::{Decoder, Field},
     figures::{Event, rounded},
     parquet::{Kind, Table, Value},
 };
 use crate::Failure;
+use crate::network::decode::{Decoder, Field};
 
 /// Size of the pieces in which a table is written, bytes.
 const PIECE: usize = 1 << 16;

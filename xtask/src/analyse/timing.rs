@@ -14,11 +14,11 @@ use vehicle_model::Vehicle;
 use world::report::{Due, Window, WindowKind};
 
 use super::{
-    decode::Decoder,
     figures::{ForeignFigures, ScheduleFigures, WindowFigures, rounded},
     series::Spread,
 };
-use crate::sim::matrix::Matrix;
+use crate::network::decode::Decoder;
+use crate::network::matrix::Matrix;
 
 /// An identifier of 11 or 29 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -6,10 +6,10 @@ use can_bus::Frame;
 use embedded_can::Id;
 
 use super::{
-    decode::Decoder,
     figures::{MessageFigures, UnknownFigures, rounded},
     series::Spread,
 };
+use crate::network::decode::Decoder;
 
 /// Frames of one identifier.
 #[derive(Default, Clone)]

@@ -39,8 +39,9 @@ use world::{
 use crate::{
     Failure, Workspace,
     cli::Sim,
+    network::matrix::Matrix,
     progress::Display,
-    sim::{self, bus::Log, choice, matrix::Matrix},
+    sim::{self, bus::Log, choice},
     vehicle,
 };
 use case::Experiment;

@@ -25,7 +25,8 @@ use super::{BuiltImages, Error, RunError, kept::Place, needed, run_all};
 use crate::{
     Failure, Workspace,
     cli::Sim,
-    sim::{bus::Log, distances, matrix::Matrix},
+    network::matrix::Matrix,
+    sim::{bus::Log, distances},
     vehicle,
 };
 

@@ -12,7 +12,7 @@ use vehicle_model::Vehicle;
 use world::report::{FrameRecord, ModeChange, Window, WindowKind, rounded};
 use world::{SimTime, time::span_micros};
 
-use crate::sim::matrix::Matrix;
+use crate::network::matrix::Matrix;
 
 /// The last time span that classes are judged by.
 const SPAN: Duration = Duration::from_secs(1);

@@ -6,7 +6,6 @@ pub(crate) mod distances;
 mod faults;
 mod gdb;
 mod live;
-pub(crate) mod matrix;
 mod recording;
 mod sense;
 mod tasks;
@@ -40,10 +39,11 @@ use world::{
     time,
 };
 
-use crate::{Failure, Workspace, build, cli::Sim, progress::Display, vehicle};
+use crate::{
+    Failure, Workspace, build, cli::Sim, network::matrix::Matrix, progress::Display, vehicle,
+};
 use bus::Log;
 use live::Live;
-use matrix::Matrix;
 use recording::{NodeRecording, Recorder};
 use view::Subject;
 

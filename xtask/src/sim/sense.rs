@@ -6,7 +6,7 @@ use world::{
     time,
 };
 
-use super::matrix::Matrix;
+use crate::network::matrix::Matrix;
 
 /// A motor that had an effort for so long must have moved the vehicle, s.
 const DRIVEN: f64 = 3.0;

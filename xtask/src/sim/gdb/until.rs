@@ -6,7 +6,8 @@ use twin::Twin;
 use vehicle_model::{NodeIndex, Vehicle, units::Time};
 use world::{SimTime, time, time::Span as _};
 
-use super::super::{bus::Log, matrix::Matrix};
+use super::super::bus::Log;
+use crate::network::matrix::Matrix;
 
 /// The forms that are accepted.
 pub(crate) const FORMS: &str = "\"12.5 s\", frame:0x12C, frame:MESSAGE, mode:NAME or reset:NODE";

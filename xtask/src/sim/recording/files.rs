@@ -8,10 +8,8 @@ use world::report::{Cell, Column, Table};
 use world::{ScreenChange, SimTime, time::seconds};
 
 use super::super::Finished;
-use crate::analyse::{
-    decode::Decoder,
-    guidance::{Guidance, Position},
-};
+use crate::analyse::guidance::{Guidance, Position};
+use crate::network::decode::Decoder;
 
 /// A line of a console.
 #[derive(Clone, Debug, PartialEq, Eq)]

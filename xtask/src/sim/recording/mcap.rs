@@ -11,7 +11,7 @@ use world::{SimTime, time::seconds};
 
 use super::super::Finished;
 use super::{files::console_lines, happened::of_run};
-use crate::analyse::decode::{Decoder, Field};
+use crate::network::decode::{Decoder, Field};
 
 /// A field of a message: its name, its kind in a JSON schema, its unit, what it is.
 type Property = (String, &'static str, String, String);

@@ -9,7 +9,7 @@ use super::super::super::{FOREIGN, Finished};
 use super::super::happened::{Event, of_run};
 use super::super::{Segment, files::console_lines};
 use super::Columns;
-use crate::analyse::decode::{Decoder, Field, Known};
+use crate::network::decode::{Decoder, Field, Known};
 
 /// Most rows of the states on the page: a row each 100 ms of ten minutes.
 const MOST_ROWS: usize = 6000;
