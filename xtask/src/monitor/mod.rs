@@ -15,7 +15,7 @@ use crate::{
     Failure, Workspace,
     cli::Monitor,
     interrupt,
-    selftest::{self, Received, TransportError},
+    selftest::{self, Received, Slcan, TransportError},
 };
 pub use watch::{Class, NodeState, Picture, Watch, WindowState};
 
@@ -78,7 +78,9 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
         None => None,
     };
     let bit_rate = vehicle.network().bit_rate;
-    let mut transport = selftest::open(workspace, &vehicle, &options.bus, bit_rate)?;
+    // How late a busy computer reads a frame says nothing of the node.
+    let adapter = Slcan::open_stamped;
+    let mut transport = selftest::open(workspace, &vehicle, &options.bus, bit_rate, adapter)?;
     let begin = transport.now();
     let end = options.seconds.map(|seconds| begin + seconds);
     let mut watch = Watch::new(&vehicle);

@@ -70,7 +70,8 @@ pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     let messages =
         Messages::of(&vehicle).ok_or_else(|| Error::NoMessages(vehicle.name().into()))?;
-    let mut transport = open(workspace, &vehicle, &options.bus, messages.bit_rate())?;
+    let bit_rate = messages.bit_rate();
+    let mut transport = open(workspace, &vehicle, &options.bus, bit_rate, Slcan::open)?;
 
     let names = vehicle::node_names(&vehicle);
     let wanted: Vec<usize> = nodes.into_iter().map(|NodeIndex(node)| node).collect();
@@ -125,12 +126,16 @@ pub(crate) fn of_bus(
     }
 }
 
+/// How an adapter is opened: with its time stamps or without.
+pub(crate) type OpenAdapter = fn(Port, &str, u32) -> Result<Slcan<Port>, TransportError>;
+
 /// Opens a bus.
 pub(crate) fn open(
     workspace: &Workspace,
     vehicle: &Vehicle,
     bus: &Bus,
     bit_rate: u32,
+    adapter: OpenAdapter,
 ) -> Result<Box<dyn Transport>, Failure> {
     match bus {
         Bus::Twin => {
@@ -143,7 +148,7 @@ pub(crate) fn open(
         Bus::SocketCan(name) => Ok(socketcan(name, bit_rate).map_err(Error::from)?),
         Bus::Slcan { port, baud } => {
             let line = Port::open(port, *baud).map_err(Error::from)?;
-            let adapter = Slcan::open(line, port, bit_rate).map_err(Error::from)?;
+            let adapter = adapter(line, port, bit_rate).map_err(Error::from)?;
             if !adapter.speaks() {
                 eprintln!(
                     "Nothing has answered at {port}. Some adapters acknowledge no command; so does \

@@ -17,6 +17,17 @@ use super::transport::{Error, Received, Transport};
 /// How long an adapter has for its answer to a command. Some never answer.
 const ANSWER: Duration = Duration::from_millis(200);
 
+/// Turns time stamps on and off. Not every adapter knows it, and it has to come before the channel is open.
+const STAMPS_ON: &str = "Z1\r";
+const STAMPS_OFF: &str = "Z0\r";
+
+/// Time stamps count milliseconds up to this, and begin again.
+const TURN: u64 = 60_000;
+
+/// Over such a time the least delay of a frame is looked for. A longer one would leave the clocks of adapter and
+/// computer too far apart: 100 ppm are a millisecond in ten seconds.
+const DELAYS: Duration = Duration::from_secs(10);
+
 /// Says that a command is refused.
 const BEL: u8 = 7;
 
@@ -112,12 +123,61 @@ impl Line for Port {
     }
 }
 
+/// Puts the time stamps of an adapter on the clock of the line. A frame is read some time after its end, and
+/// this delay changes with what else the computer does; the least one of the last seconds is taken for that of all.
+#[derive(Debug, Default)]
+struct Stamps {
+    /// The last stamp, and when it was read.
+    last: Option<(u16, Duration)>,
+    /// Time of the adapter since the first stamp, in milliseconds.
+    millis: u64,
+    /// When the present span began, and the least difference of the clocks in it and in the one before.
+    span: Option<(Duration, Duration)>,
+    before: Option<Duration>,
+    at: Duration,
+}
+
+impl Stamps {
+    /// When a frame ended that was read at `read`, on the clock of the line. It is never before the last one, and
+    /// never later than it was read.
+    fn ended(&mut self, stamp: u16, read: Duration) -> Duration {
+        if let Some((last, then)) = self.last {
+            let since = (TURN + u64::from(stamp) - u64::from(last) % TURN) % TURN;
+            // Whole turns in which no frame came.
+            let passed = u64::try_from((read - then).as_millis()).unwrap_or(u64::MAX);
+            let turns = (passed.saturating_sub(since) + TURN / 2) / TURN;
+            self.millis += since + turns * TURN;
+        }
+        self.last = Some((stamp, read));
+        let own = Duration::from_millis(self.millis);
+        // The adapter's clock begins with the first frame, so it is behind that of the line.
+        let difference = read.saturating_sub(own);
+        let least = match self.span {
+            Some((begin, least)) if read < begin + DELAYS => {
+                let least = least.min(difference);
+                self.span = Some((begin, least));
+                least
+            }
+            ended => {
+                self.before = ended.map(|(_, least)| least);
+                self.span = Some((read, difference));
+                difference
+            }
+        };
+        let least = self.before.map_or(least, |before| before.min(least));
+        self.at = (own + least).min(read).max(self.at);
+        self.at
+    }
+}
+
 /// An adapter with its channel open. The channel is closed when this is dropped.
 pub struct Slcan<L: Line> {
     line: L,
     name: String,
     decoder: Decoder,
     frames: VecDeque<Received>,
+    /// Time stamps of the adapter, if they are wanted.
+    stamps: Option<Stamps>,
     /// Whether the adapter has not answered yet to the last frame to send.
     unanswered: bool,
     /// Whether an answer or a frame has come since the channel was closed.
@@ -130,6 +190,19 @@ impl<L: Line> Slcan<L> {
     /// # Errors
     /// The adapter refuses, something else than slcan comes from the port, or the port fails.
     pub fn open(line: L, name: &str, bit_rate: u32) -> Result<Self, Error> {
+        Self::begin(line, name, bit_rate, None)
+    }
+
+    /// As [`Slcan::open`], with the time stamps of the adapter if it gives any: how late the computer reads a
+    /// frame does not count then.
+    ///
+    /// # Errors
+    /// As [`Slcan::open`].
+    pub fn open_stamped(line: L, name: &str, bit_rate: u32) -> Result<Self, Error> {
+        Self::begin(line, name, bit_rate, Some(Stamps::default()))
+    }
+
+    fn begin(line: L, name: &str, bit_rate: u32, stamps: Option<Stamps>) -> Result<Self, Error> {
         let rate = slcan::bit_rate(bit_rate).ok_or_else(|| Error::BitRate {
             name: name.into(),
             bit_rate,
@@ -139,6 +212,7 @@ impl<L: Line> Slcan<L> {
             name: name.into(),
             decoder: Decoder::new(),
             frames: VecDeque::new(),
+            stamps,
             unanswered: false,
             // Until the channel is closed anything may come.
             speaks: true,
@@ -152,6 +226,13 @@ impl<L: Line> Slcan<L> {
         adapter.frames.clear();
         adapter.speaks = false;
         adapter.command(&rate, "the bit rate")?;
+        if adapter.stamps.is_some() {
+            match adapter.command(STAMPS_ON, "time stamps") {
+                // Then the time counts at which a frame is read.
+                Ok(()) | Err(Error::Refused { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
         adapter.command(slcan::OPEN, "to open the channel")?;
         Ok(adapter)
     }
@@ -240,12 +321,16 @@ impl<L: Line> Slcan<L> {
         if !self.speaks && bytes.iter().copied().any(is_foreign) {
             return Err(self.not_slcan(bytes));
         }
-        let at = self.line.now();
+        let read = self.line.now();
         let mut answers = Vec::new();
         for byte in &bytes {
             match self.decoder.push(*byte) {
-                Some(Answer::Frame { frame, .. }) => {
+                Some(Answer::Frame { frame, stamp }) => {
                     self.speaks = true;
+                    let at = match (&mut self.stamps, stamp) {
+                        (Some(stamps), Some(stamp)) => stamps.ended(stamp, read),
+                        _ => read,
+                    };
                     self.frames.push_back(Received { at, frame });
                 }
                 Some(answer) => {
@@ -299,12 +384,113 @@ impl<L: Line> Drop for Slcan<L> {
     fn drop(&mut self) {
         // Nothing can be done about an adapter that is gone.
         let _ = self.line.write(slcan::CLOSE.as_bytes());
+        if self.stamps.is_some() {
+            // As other programs expect it.
+            let _ = self.line.write(STAMPS_OFF.as_bytes());
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What comes from a port when, and what was written to it.
+    struct Script {
+        now: Duration,
+        comes: VecDeque<(Duration, String)>,
+        written: String,
+        refuses: bool,
+    }
+
+    impl Line for Script {
+        fn now(&self) -> Duration {
+            self.now
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+            let text = String::from_utf8_lossy(bytes);
+            self.written += &text;
+            let refused = self.refuses && text == STAMPS_ON;
+            let answer = if refused { "\x07" } else { "\r" };
+            self.comes.push_front((self.now, answer.to_owned()));
+            Ok(())
+        }
+
+        fn read(&mut self, bytes: &mut [u8], until: Duration) -> io::Result<usize> {
+            match self.comes.pop_front_if(|(at, _)| *at <= until) {
+                Some((at, text)) => {
+                    self.now = self.now.max(at);
+                    bytes[..text.len()].copy_from_slice(text.as_bytes());
+                    Ok(text.len())
+                }
+                None => {
+                    self.now = self.now.max(until);
+                    Ok(0)
+                }
+            }
+        }
+    }
+
+    /// Times of frames that end each 100 ms and are read `late` milliseconds later, from 1 s on.
+    fn heard(late: &[u64], refuses: bool) -> (Vec<u64>, String) {
+        let frames = late.iter().enumerate().map(|(number, late)| {
+            let end = 100 * number as u64;
+            let stamp = (59_950 + end) % TURN;
+            (
+                Duration::from_millis(1000 + end + late),
+                format!("t12C0{stamp:04X}\r"),
+            )
+        });
+        let script = Script {
+            now: Duration::ZERO,
+            comes: frames.collect(),
+            written: String::new(),
+            refuses,
+        };
+        let mut adapter = Slcan::open_stamped(script, "port", 250_000).unwrap();
+        let mut times = Vec::new();
+        while let Some(received) = adapter.receive(Duration::from_secs(100)).unwrap() {
+            times.push(u64::try_from(received.at.as_millis()).unwrap());
+        }
+        let written = adapter.line().written.clone();
+        (times, written)
+    }
+
+    #[test]
+    fn a_late_computer_does_not_move_stamped_frames() {
+        let (times, written) = heard(&[2, 2, 2, 95, 2, 60, 3], false);
+        assert_eq!(times, [1002, 1102, 1202, 1302, 1402, 1502, 1602]);
+        assert!(written.ends_with("\rC\rS5\rZ1\rO\r"), "{written:?}");
+        // What is late at first is found out by the first frame in time; the times do not go back.
+        let (times, _) = heard(&[50, 2, 2, 80], false);
+        assert_eq!(times, [1050, 1102, 1202, 1302]);
+    }
+
+    #[test]
+    fn a_clock_that_runs_away_is_followed() {
+        let mut stamps = Stamps::default();
+        // 1000 ppm too slow: a minute and a half later 90 ms behind.
+        for number in 0_u64..900 {
+            let read = Duration::from_millis(100 * number + 5);
+            let stamp = (number * 100 * 999 / 1000) % TURN;
+            let at = stamps.ended(u16::try_from(stamp).unwrap(), read);
+            let behind = read - at;
+            assert!(behind <= Duration::from_millis(22), "{number}: {behind:?}");
+        }
+        // After two and a half minutes of silence.
+        let read = Duration::from_millis(90_000 + 150_000);
+        let stamp = (900 * 100 * 999 / 1000 + 150_000) % TURN;
+        let at = stamps.ended(u16::try_from(stamp).unwrap(), read);
+        assert!(read - at <= Duration::from_millis(40), "{:?}", read - at);
+    }
+
+    #[test]
+    fn an_adapter_without_stamps_is_read_as_before() {
+        let (times, written) = heard(&[2, 2], true);
+        assert_eq!(times, [1002, 1102]);
+        assert!(written.contains("Z1"), "{written:?}");
+    }
 
     #[test]
     fn a_port_without_the_right_to_it_names_the_group() {

@@ -95,8 +95,16 @@ fn wanted(key: KeyEvent) -> Option<Wanted> {
     if key.kind == KeyEventKind::Release {
         return None;
     }
+    // Ctrl-Space is what a terminal makes of a zero byte, which nobody has pressed.
+    if key
+        .modifiers
+        .intersects(KeyModifiers::CONTROL | KeyModifiers::ALT)
+    {
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        let is_end = key.code == KeyCode::Char('c') && control;
+        return is_end.then_some(Wanted::End);
+    }
     match key.code {
-        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Wanted::End),
         KeyCode::Char('q') | KeyCode::Esc => Some(Wanted::End),
         KeyCode::Char(' ') => Some(Wanted::Pause),
         // The key of + has = without shift.

@@ -117,6 +117,7 @@ fn keys_have_a_meaning() {
     assert_eq!(plain(KeyCode::Esc), end);
     assert_eq!(key(KeyCode::Char('c'), KeyModifiers::CONTROL), end);
     assert_eq!(plain(KeyCode::Char('c')), None);
+    assert_eq!(key(KeyCode::Char(' '), KeyModifiers::CONTROL), None);
     assert_eq!(plain(KeyCode::Char(' ')), Some(Wanted::Pause));
     assert_eq!(
         key(KeyCode::Char('+'), KeyModifiers::SHIFT),
