@@ -1,6 +1,14 @@
 //! Tables as [Parquet](https://parquet.apache.org), for pandas, Polars, DuckDB and their like.
 
-use std::{fs::File, io, sync::Arc};
+use std::{
+    fs::File,
+    io, mem,
+    sync::{
+        Arc,
+        mpsc::{SyncSender, sync_channel},
+    },
+    thread::{self, JoinHandle},
+};
 
 use parquet::{
     basic::Compression,
@@ -19,6 +27,24 @@ enum Values {
     Words(Vec<ByteArray>),
 }
 
+impl Values {
+    /// No values of a kind.
+    fn none(kind: Kind) -> Self {
+        match kind {
+            Kind::Number => Self::Numbers(Vec::new()),
+            Kind::Word => Self::Words(Vec::new()),
+        }
+    }
+
+    /// No values of the same kind.
+    fn empty(&self) -> Self {
+        match self {
+            Self::Numbers(_) => Self::Numbers(Vec::with_capacity(GROUP)),
+            Self::Words(_) => Self::Words(Vec::with_capacity(GROUP)),
+        }
+    }
+}
+
 /// A value of a row. Words that come again and again share their bytes.
 pub(super) enum Value<'v> {
     Number(f64),
@@ -32,11 +58,14 @@ pub(super) enum Kind {
     Word,
 }
 
-/// A table that is written row by row.
+/// A table that is written row by row. Groups of rows are compressed and written beside what the caller
+/// does.
 pub(super) struct Table {
-    writer: SerializedFileWriter<File>,
     columns: Vec<Values>,
     rows: usize,
+    /// Groups that are full; `None` once the table cannot be written.
+    groups: Option<SyncSender<Vec<Values>>>,
+    writer: Option<JoinHandle<io::Result<()>>>,
 }
 
 fn unwritten(error: ParquetError) -> io::Error {
@@ -64,14 +93,23 @@ impl Table {
             .set_created_by("furrow".to_owned())
             .build();
         let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties));
-        let values = columns.iter().map(|(_, kind)| match kind {
-            Kind::Number => Values::Numbers(Vec::new()),
-            Kind::Word => Values::Words(Vec::new()),
-        });
+        let mut writer = writer.map_err(unwritten)?;
+        let (groups, full) = sync_channel::<Vec<Values>>(1);
+        let write = move || -> io::Result<()> {
+            for group in full {
+                write_group(&mut writer, &group).map_err(unwritten)?;
+            }
+            let file = writer.into_inner().map_err(unwritten)?;
+            file.sync_all()
+        };
         Ok(Self {
-            writer: writer.map_err(unwritten)?,
-            columns: values.collect(),
+            columns: columns
+                .iter()
+                .map(|(_, kind)| Values::none(*kind))
+                .collect(),
             rows: 0,
+            groups: Some(groups),
+            writer: Some(thread::spawn(write)),
         })
     }
 
@@ -96,32 +134,22 @@ impl Table {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let columns = &mut self.columns;
-        let write = || -> Result<(), ParquetError> {
-            let mut group = self.writer.next_row_group()?;
-            for values in columns {
-                let Some(mut column) = group.next_column()? else {
-                    break;
-                };
-                match values {
-                    Values::Numbers(numbers) => {
-                        let to = column.typed::<DoubleType>();
-                        to.write_batch(numbers, None, None)?;
-                        numbers.clear();
-                    }
-                    Values::Words(words) => {
-                        let to = column.typed::<ByteArrayType>();
-                        to.write_batch(words, None, None)?;
-                        words.clear();
-                    }
-                }
-                column.close()?;
-            }
-            group.close()?;
-            Ok(())
-        };
         self.rows = 0;
-        write().map_err(unwritten)
+        let empty = self.columns.iter().map(Values::empty).collect();
+        let group = mem::replace(&mut self.columns, empty);
+        match &self.groups {
+            Some(groups) if groups.send(group).is_ok() => Ok(()),
+            // The writer has ended, and says why.
+            _ => self.end(),
+        }
+    }
+
+    /// Waits for the writer.
+    fn end(&mut self) -> io::Result<()> {
+        self.groups = None;
+        let broken = || io::Error::other("its writer has ended");
+        let writer = self.writer.take().ok_or_else(broken)?;
+        writer.join().map_err(|_| broken())?
     }
 
     /// Writes what is held back, and the end of the file.
@@ -132,7 +160,32 @@ impl Table {
         if self.rows > 0 {
             self.flush()?;
         }
-        let file = self.writer.into_inner().map_err(unwritten)?;
-        file.sync_all()
+        self.end()
     }
+}
+
+/// Writes a group of rows.
+fn write_group(
+    writer: &mut SerializedFileWriter<File>,
+    columns: &[Values],
+) -> Result<(), ParquetError> {
+    let mut group = writer.next_row_group()?;
+    for values in columns {
+        let Some(mut column) = group.next_column()? else {
+            break;
+        };
+        match values {
+            Values::Numbers(numbers) => {
+                let to = column.typed::<DoubleType>();
+                to.write_batch(numbers, None, None)?;
+            }
+            Values::Words(words) => {
+                let to = column.typed::<ByteArrayType>();
+                to.write_batch(words, None, None)?;
+            }
+        }
+        column.close()?;
+    }
+    group.close()?;
+    Ok(())
 }
