@@ -91,7 +91,7 @@ pub(super) struct Curves<'c> {
     pub down: bool,
 }
 
-/// Longest time between two points of a curve.
+/// Longest time between two points of a curve over time, s.
 const TOGETHER: f64 = 1.0;
 
 impl Curves<'_> {
@@ -114,8 +114,9 @@ impl Curves<'_> {
         if let Some(level) = self.level {
             chart.level(level, "zero");
         }
+        let over_time = self.axes[0].starts_with("time");
         for (class, points) in self.curves {
-            let whole = pieces(points, |one, other| (other.0 - one.0).abs() > TOGETHER);
+            let whole = pieces(points, |one, other| over_time && other.0 - one.0 > TOGETHER);
             chart.curve(&thinned(whole), class);
         }
         chart.finish(self.title, self.what)

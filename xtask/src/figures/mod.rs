@@ -437,12 +437,12 @@ mod tests {
     fn a_run_of_a_figure_can_be_made_by_hand() {
         assert_eq!(
             Take::Half.command(),
-            "cargo xtask sim thesis-machine/half-gains --out run"
+            "cargo xtask sim thesis-machine/half-gains --seconds 45 --out run"
         );
         assert_eq!(
             Take::Poles(2).command(),
             "cargo xtask sim thesis-2/poles --vehicle row-follower --set rover.law=thesis --set 'rover.cruise=0.8 m/s' \
-             --seed 2 --out run"
+             --seed 2 --seconds 15 --out run"
         );
     }
 }

@@ -17,7 +17,8 @@ fn differences(takes: &Takes<'_>, take: Take) -> Points {
     points.filter(|(time, _)| *time <= until).collect()
 }
 
-/// When the drive of a robot was over, s: it touched something, was outside its row or had come to rest.
+/// When the drive of a robot was over, s: it touched something, was outside its row or at its end, or had
+/// come to rest.
 fn over(takes: &Takes<'_>, take: Take) -> f64 {
     let run = takes.of(take).run();
     let end = seconds(world::SimTime::from_ticks(run.duration.as_ticks()));
@@ -31,9 +32,15 @@ fn over(takes: &Takes<'_>, take: Take) -> f64 {
         .map(|one| seconds(one.at));
     let moving = samples().rfind(|one| one.efforts != [0.0; 2]);
     let rest = moving.map(|one| seconds(one.at));
-    let ends = [contact, outside, rest];
+    let last = rover.drive.rows().length() - MARGIN;
+    let ended = samples().find(|one| one.station > last);
+    let ended = ended.map(|one| seconds(one.at));
+    let ends = [contact, outside, rest, ended];
     ends.into_iter().flatten().fold(end, f64::min)
 }
+
+/// The sensors look so far ahead, m: the last metre of a row does not count.
+const MARGIN: f64 = 1.0;
 
 /// Half the distance of the rows: beyond it the robot's middle is in another one, m.
 const OUTSIDE: f64 = 0.381;
@@ -71,12 +78,19 @@ fn between(takes: &Takes<'_>, take: Take, from: f64, until: f64) -> (f64, f64) {
 pub(super) fn filtered(takes: &Takes<'_>) -> Drawn {
     let take = Take::Poles(1);
     let pairs = takes.distances(take);
+    let until = over(takes, take);
+    let shown = |mut points: Points| -> Points {
+        points.retain(|(time, _)| *time <= until);
+        points
+    };
     let side = |left: bool| -> Points {
         let value = |pair: &world::report::DistancePair| if left { pair.left } else { pair.right };
         let points = pairs.iter();
-        points
-            .map(|pair| (seconds(pair.at), value(pair) * 100.0))
-            .collect()
+        shown(
+            points
+                .map(|pair| (seconds(pair.at), value(pair) * 100.0))
+                .collect(),
+        )
     };
     let chart = |id, title, raw: &Points, filtered: &Points| {
         Curves {
@@ -91,7 +105,7 @@ pub(super) fn filtered(takes: &Takes<'_>) -> Drawn {
         .draw()
     };
     let (left, right) = (side(true), side(false));
-    let raw = |path| takes.signal_from_start(take, path);
+    let raw = |path| shown(takes.signal_from_start(take, path));
     let (raw_left, raw_right) = (raw("DistanceLeft.Distance"), raw("DistanceRight.Distance"));
     let deviation = |points: &Points| {
         let (from, until) = between(takes, take, 2.5, 6.0);

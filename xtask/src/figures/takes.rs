@@ -79,29 +79,34 @@ const fn uagv(scenario: &'static str, set: &'static str, length: Option<f64>) ->
     }
 }
 
-const fn rows(scenario: &'static str, set: &'static str, seed: u64) -> Recipe {
+const fn rows(scenario: &'static str, set: &'static str, seed: u64, length: Option<f64>) -> Recipe {
     Recipe {
         vehicle: "row-follower",
         scenario,
         set,
         seed,
-        length: None,
+        length,
     }
 }
 
 impl Take {
     const fn recipe(self) -> Recipe {
         const FURROW: &str = "machine.law=furrow";
+        // As long as a robot takes for the row.
+        const POLES: Option<f64> = Some(15.0);
+        const FIELD: Option<f64> = Some(60.0);
+        // Half a minute of it is steady.
+        const TRACK: Option<f64> = Some(45.0);
         match self {
-            Self::One => uagv("thesis-machine/one-metre-off", "", None),
-            Self::Half => uagv("thesis-machine/half-gains", "", None),
-            Self::Five => uagv("thesis-machine/five-metres-off", "", None),
-            Self::Loaded => uagv("thesis-machine/loaded", "", None),
-            Self::OneFurrow => uagv("thesis-machine/one-metre-off", FURROW, None),
-            Self::FiveFurrow => uagv("thesis-machine/five-metres-off", FURROW, None),
-            Self::LoadedFurrow => uagv("thesis-machine/loaded", FURROW, None),
-            Self::Model => uagv("thesis-machine/simulated-model", "", None),
-            Self::Estimation => uagv("thesis-machine/simulated-estimation", "", None),
+            Self::One => uagv("thesis-machine/one-metre-off", "", TRACK),
+            Self::Half => uagv("thesis-machine/half-gains", "", TRACK),
+            Self::Five => uagv("thesis-machine/five-metres-off", "", TRACK),
+            Self::Loaded => uagv("thesis-machine/loaded", "", TRACK),
+            Self::OneFurrow => uagv("thesis-machine/one-metre-off", FURROW, TRACK),
+            Self::FiveFurrow => uagv("thesis-machine/five-metres-off", FURROW, TRACK),
+            Self::LoadedFurrow => uagv("thesis-machine/loaded", FURROW, TRACK),
+            Self::Model => uagv("thesis-machine/simulated-model", "", TRACK),
+            Self::Estimation => uagv("thesis-machine/simulated-estimation", "", TRACK),
             Self::Calibration => uagv("calibration", "", None),
             Self::Bus => uagv("straight-line", "", Some(8.0)),
             Self::Lost => uagv("gps-lost", "", Some(22.0)),
@@ -109,29 +114,34 @@ impl Take {
                 "thesis-2/step",
                 "rover.law=thesis;rover.cruise=0.4 m/s;rover.thesis.most=140 cm",
                 1,
+                None,
             ),
             Self::StepPi => rows(
                 "thesis-2/step",
                 "rover.law=thesis;rover.cruise=0.4 m/s;rover.thesis.most=140 cm;rover.thesis.integral=0.0004",
                 1,
+                None,
             ),
             Self::StepFurrow => rows(
                 "thesis-2/step",
                 "rover.cruise=0.4 m/s;rover.rows.width=115 cm;rover.rows.tolerance=10 cm",
                 1,
+                None,
             ),
             Self::Poles(seed) => rows(
                 "thesis-2/poles",
                 "rover.law=thesis;rover.cruise=0.8 m/s",
                 seed,
+                POLES,
             ),
-            Self::PolesFurrow => rows("thesis-2/poles", "rover.cruise=0.8 m/s", 1),
+            Self::PolesFurrow => rows("thesis-2/poles", "rover.cruise=0.8 m/s", 1, POLES),
             Self::Field(seed) => rows(
                 "thesis-2/field",
                 "rover.law=thesis;rover.cruise=0.4 m/s",
                 seed,
+                FIELD,
             ),
-            Self::FieldFurrow => rows("thesis-2/field", "rover.cruise=0.4 m/s", 1),
+            Self::FieldFurrow => rows("thesis-2/field", "rover.cruise=0.4 m/s", 1, FIELD),
         }
     }
 

@@ -309,7 +309,7 @@ pub(super) fn route(takes: &Takes<'_>) -> Drawn {
             Curves {
                 id: "f7-14",
                 title: "Route",
-                what: "Orange: the line between the two waypoints; blue: the first minute of the first test.",
+                what: "Orange: the line between the two waypoints; blue: the first 45 s of the first test.",
                 axes: ["north, m", "east, m"],
                 curves: &[(OTHER, &ends), (PLAIN, &way)],
                 level: None,
@@ -364,7 +364,7 @@ pub(super) fn half_gains(takes: &Takes<'_>) -> Drawn {
             Curves {
                 id: "f7-19",
                 title: "Cross-track error",
-                what: "Blue: half the gains; orange: the gains of the first test, both under the law of the thesis.",
+                what: "Blue: gains of about half the size; orange: those of the first test, both under the law of the thesis.",
                 axes: [TIME, "m"],
                 curves: &[(OTHER, &whole), (PLAIN, &half)],
                 level: Some(0.0),
