@@ -100,17 +100,20 @@ fn goes_on(experiment: &Experiment, seeds: &str, signals: &[(&str, Option<i32>)]
         let read = |folder: &Path| fs::read(folder.join(name)).unwrap();
         assert!(read(&part) == read(&whole), "{name}");
     }
-    let left: Vec<_> = fs::read_dir(&part).unwrap().collect();
-    assert_eq!(left.len(), experiment.files.len(), "{left:?}");
+    // And the runs that the report is made of.
+    let left = || fs::read_dir(&part).unwrap().count();
+    assert_eq!(left(), experiment.files.len() + 1);
 
-    let output = experiment.done(seeds, &part, &["--resume"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        output.status.success() && said.contains("is complete"),
-        "{said}"
-    );
+    // A complete one has its report and its verdict again, without a run; that of another one is refused.
+    let again = experiment.done(seeds, &part, &["--resume"]);
+    assert_eq!(again.status.code(), code, "{again:?}");
+    assert_eq!(again.stdout, output.stdout);
     let said = refused(&experiment.done(seeds, &part, &["--seed", "77", "--resume"]));
-    assert!(said.contains("the report of another experiment"), "{said}");
+    assert!(said.contains("another campaign or experiment"), "{said}");
+    assert_eq!(left(), experiment.files.len() + 1);
+    fs::remove_file(part.join("experiment.runs")).unwrap();
+    let said = refused(&experiment.done(seeds, &part, &["--resume"]));
+    assert!(said.contains("whose runs were not kept"), "{said}");
 }
 
 const SIGNALS: [(&str, Option<i32>); 3] = [("INT", Some(130)), ("TERM", Some(143)), ("KILL", None)];

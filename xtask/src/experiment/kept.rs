@@ -12,7 +12,6 @@ use std::{
 use campaign::{JournalError, Lines, digests};
 use crc::{CRC_64_XZ, Crc};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use serde_json::Value;
 use twin::Images;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
@@ -24,6 +23,8 @@ use crate::cli::Sim;
 const REPORT: &str = "experiment.json";
 /// The file with the runs that are done, until there is a report.
 const JOURNAL: &str = "experiment.journal";
+/// The same beside the report, from which it can be made again.
+const DONE: &str = "experiment.runs";
 
 /// What runs. A journal of anything else is refused.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,6 +52,8 @@ struct Entry<T> {
 pub(super) struct Place {
     folder: OutputFolder,
     journal: PathBuf,
+    /// The runs of an experiment that is complete, as long as they are not known to be those of this one.
+    done: Option<PathBuf>,
     /// Whether runs are kept: those without images take seconds.
     keeps: bool,
 }
@@ -61,32 +64,6 @@ pub(super) struct Kept<T> {
     journal: PathBuf,
     /// The results of runs, by their numbers.
     pub(super) earlier: BTreeMap<usize, T>,
-}
-
-/// Whether the folder of an experiment that is to go on has its report already, and nothing is left to do.
-///
-/// # Errors
-/// The report is that of another experiment.
-pub(super) fn is_complete(options: &Sim, experiment: &str) -> Result<bool, Error> {
-    let Some(folder) = options.out.as_deref().filter(|_| options.resume) else {
-        return Ok(false);
-    };
-    let report = folder.join(REPORT);
-    let Ok(text) = fs::read(&report) else {
-        return Ok(false);
-    };
-    if folder.join(JOURNAL).exists() {
-        return Ok(false);
-    }
-    let found: Value = serde_json::from_slice(&text).unwrap_or_default();
-    let same = found["experiment"] == experiment
-        && found["first_seed"] == options.seed
-        && found["seeds"] == options.seeds;
-    if !same {
-        return Err(Error::OtherReport { report });
-    }
-    eprintln!("{} is complete.", report.display());
-    Ok(true)
 }
 
 impl Place {
@@ -102,6 +79,16 @@ impl Place {
         if !options.resume && journal.exists() {
             return Err(Error::Unfinished { journal });
         }
+        let done = path.join(DONE);
+        let report = path.join(REPORT);
+        let mut complete = None;
+        if options.resume && !journal.exists() {
+            if done.exists() {
+                complete = Some(done);
+            } else if report.exists() {
+                return Err(Error::NoRuns { report });
+            }
+        }
         let keeps = !options.quick;
         if keeps {
             // The journal is to stay there when the experiment is interrupted. What keeps the folder from being
@@ -111,6 +98,7 @@ impl Place {
         Ok(Some(Self {
             folder: OutputFolder::create(path)?,
             journal,
+            done: complete,
             keeps,
         }))
     }
@@ -144,8 +132,21 @@ impl Place {
             program: images.is_empty().then(program).flatten(),
             images,
         };
+        if let Some(done) = &self.done {
+            let copied = fs::copy(done, &self.journal);
+            copied.map_err(|error| broken(done, JournalError::File(error)))?;
+        }
         let opened = Lines::open::<_, Entry<T>>(&self.journal, &heading);
-        let (lines, entries) = opened.map_err(|why| broken(&self.journal, why))?;
+        let (lines, entries) = opened.map_err(|why| {
+            // The copy of a complete experiment's runs is no unfinished one's.
+            match &self.done {
+                Some(done) => {
+                    let _ = fs::remove_file(&self.journal);
+                    broken(done, why)
+                }
+                None => broken(&self.journal, why),
+            }
+        })?;
         let mut earlier = BTreeMap::new();
         for (line, entry) in (2..).zip(entries) {
             if earlier.insert(entry.run, entry.result).is_some() {
@@ -173,7 +174,7 @@ impl Place {
         let path = self.folder.finish()?;
         if self.keeps {
             // A journal that stays is refused the next time, in a sentence.
-            let _ = fs::remove_file(&self.journal);
+            let _ = fs::rename(&self.journal, self.journal.with_file_name(DONE));
         }
         let names: Vec<&str> = files.iter().map(|(name, _)| *name).collect();
         let names = match names.split_last() {

@@ -107,12 +107,13 @@ pub enum Error {
         #[source]
         why: campaign::JournalError,
     },
-    /// What is to go on has another experiment's report.
+    /// What is to go on has a report, but not the runs that it is made of.
     #[error(
-        "{} is the report of another experiment: name another folder, or leave out --resume to replace it",
+        "{} is the report of an experiment whose runs were not kept, as with --quick: name another folder, or leave out \
+         --resume to replace it",
         report.display()
     )]
-    OtherReport {
+    NoRuns {
         /// The file.
         report: PathBuf,
     },
@@ -178,7 +179,7 @@ impl Error {
                 | Self::Folder(_)
                 | Self::Unfinished { .. }
                 | Self::Journal { .. }
-                | Self::OtherReport { .. }
+                | Self::NoRuns { .. }
         )
     }
 }
@@ -229,9 +230,6 @@ fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<
 /// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an
 /// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
-    if kept::is_complete(options, name)? {
-        return Ok(());
-    }
     if let Some((_, run)) = OTHERS.iter().find(|(other, _)| *other == name) {
         return run(workspace, options);
     }

@@ -113,6 +113,7 @@ pub(super) fn movements(takes: &Takes<'_>) -> Drawn {
                 axes: ["time, s", "deg, deg/s"],
                 curves: &[(OTHER, &commands), (FURROW, &shown(angles.collect()))],
                 level: Some(0.0),
+                mark: None,
                 down: false,
             }
             .draw(),

@@ -87,6 +87,8 @@ pub(super) struct Curves<'c> {
     pub curves: &'c [(&'static str, &'c Points)],
     /// A value of the vertical axis that is marked.
     pub level: Option<f64>,
+    /// A value of the horizontal axis that is marked, and what is there.
+    pub mark: Option<(f64, &'static str)>,
     /// Whether the vertical axis increases downwards: what is right of a line that leads to the right.
     pub down: bool,
 }
@@ -113,6 +115,10 @@ impl Curves<'_> {
         chart.y_axis(self.axes[1]);
         if let Some(level) = self.level {
             chart.level(level, "zero");
+        }
+        if let Some((at, what)) = self.mark.filter(|(at, _)| (x.from..=x.to).contains(at)) {
+            chart.line((at, y.from), (at, y.to), "mean");
+            chart.word(Span { from: at, to: at }, y.to - y.length() * 0.04, what);
         }
         let over_time = self.axes[0].starts_with("time");
         for (class, points) in self.curves {
@@ -162,6 +168,7 @@ pub(super) fn histogram(
         axes: ["cross-track error, cm", "share of the time, %"],
         curves: &curves,
         level: Some(0.0),
+        mark: None,
         down: false,
     }
     .draw()
@@ -179,6 +186,8 @@ pub(super) struct Timeline<'t> {
     pub axis: &'static str,
     /// Its range.
     pub x: Span,
+    /// Whether the names of bars are written below them.
+    pub named: bool,
     /// The rows from above: label, colour, and begin and end of each bar with its name.
     pub rows: &'t [Row],
 }
@@ -193,8 +202,9 @@ pub(super) struct Row {
     pub bars: Vec<(f64, f64, String)>,
 }
 
-/// Height of a row.
+/// Height of a row, and of one whose bars have names.
 const ROW: f64 = 20.0;
+const NAMED_ROW: f64 = 40.0;
 
 impl Timeline<'_> {
     /// The chart.
@@ -204,7 +214,8 @@ impl Timeline<'_> {
             from: 0.0,
             to: count,
         };
-        let mut chart = Chart::new(self.id, self.x, y, count * ROW)
+        let height = if self.named { NAMED_ROW } else { ROW };
+        let mut chart = Chart::new(self.id, self.x, y, count * height)
             .down()
             .labels(130.0);
         chart.x_axis(self.axis);
@@ -214,11 +225,15 @@ impl Timeline<'_> {
             let within = |bar: &&(f64, f64, String)| bar.1 >= self.x.from && bar.0 <= self.x.to;
             for (from, to, name) in row.bars.iter().filter(within) {
                 let (from, to) = (*from, *to);
+                let half = if self.named { 0.4 } else { 0.32 };
                 let y = Span {
-                    from: middle - 0.32,
-                    to: middle + 0.32,
+                    from: middle - half,
+                    to: middle + if self.named { 0.0 } else { half },
                 };
                 chart.area(Span { from, to }, y, row.class, name);
+                if self.named {
+                    chart.word(Span { from, to }, middle + 0.25, name);
+                }
             }
         }
         chart.finish(self.title, self.what)

@@ -304,6 +304,7 @@ pub fn run(workspace: &Workspace, options: &cli::Figures) -> Result<(), Failure>
         .collect();
     let json = json(&drawn);
     if let Some(mut folder) = folder {
+        folder.replace_older(|name| name.starts_with("figure-") && name.ends_with(".svg"));
         let mut write = || -> Result<_, FolderError> {
             folder.write("figures.html", page::page(&drawn).as_bytes())?;
             folder.write("figures.json", json.as_bytes())?;
@@ -379,7 +380,7 @@ fn text(drawn: &[(&Figure, Drawn)]) -> String {
     let width = widths.map(|number| number.what.len()).max().unwrap_or(0);
     let mut text = format!(
         "{:<8}{:<width$}{:>10}{:>12}{:>10}\n",
-        "figure", "", "thesis", "its law", "Furrow"
+        "figure", "", "thesis", "thesis law", "Furrow"
     );
     for (figure, drawn) in drawn {
         // Writing to a string cannot fail.

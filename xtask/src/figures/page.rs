@@ -35,9 +35,14 @@ pub(super) fn page(drawn: &[(&Figure, Drawn)]) -> String {
                 header {
                     h1 { (title) }
                     p {
-                        "T. Troyer's thesis of 2017 has " (super::FIGURES.len()) " figures that show data. Each is drawn here from "
-                        "runs of the release images on the virtual vehicle, with the numbers that the thesis gives beside "
-                        "those of the same law and of Furrow's. Where the thesis's text has no number, none is made up."
+                        "T. Troyer's thesis of 2017 has " (super::FIGURES.len()) " figures that show data, of which " (drawn.len()) " are "
+                        "here. They are drawn from runs of the release images on the virtual vehicle, with the numbers that the "
+                        "thesis gives beside those of its law and of Furrow's. Where its text has no number, none is made up."
+                    }
+                    p {
+                        "The error of a track test stays about its mean when it no longer leaves the band of 5 cm about the mean of "
+                        "its last 10 s. From then on it is in steady state here, while the report of `sim` counts from where the "
+                        "error stays within 5 cm of the line: a law with an offset is there sooner."
                     }
                     nav aria-label="Figures" {
                         ul {
@@ -84,7 +89,7 @@ type Column = fn(&Number) -> Option<f64>;
 fn table(figure: &Figure, numbers: &[Number]) -> Markup {
     let columns: [(&str, Column); 3] = [
         ("thesis", |one| one.thesis),
-        ("its law", |one| one.plain),
+        ("law of the thesis", |one| one.plain),
         ("Furrow", |one| one.furrow),
     ];
     let filled = |of: Column| numbers.iter().any(|one| of(one).is_some());

@@ -100,6 +100,7 @@ pub(super) fn filtered(takes: &Takes<'_>) -> Drawn {
             axes: [TIME, "cm"],
             curves: &[(OTHER, raw), (PLAIN, filtered)],
             level: None,
+            mark: None,
             down: false,
         }
         .draw()
@@ -138,7 +139,13 @@ pub(super) fn filtered(takes: &Takes<'_>) -> Drawn {
 }
 
 /// A chart of the difference under both laws.
-fn chart(id: &'static str, what: &'static str, plain: &Points, furrow: &Points) -> maud::Markup {
+fn chart(
+    id: &'static str,
+    what: &'static str,
+    plain: &Points,
+    furrow: &Points,
+    mark: Option<(f64, &'static str)>,
+) -> maud::Markup {
     Curves {
         id,
         title: "Difference of the filtered distances, right less left",
@@ -146,23 +153,34 @@ fn chart(id: &'static str, what: &'static str, plain: &Points, furrow: &Points) 
         axes: [TIME, "cm"],
         curves: &[(PLAIN, plain), (FURROW, furrow)],
         level: Some(0.0),
+        mark,
         down: false,
     }
     .draw()
 }
 
+/// Where the barriers step apart, m along the row.
+const STEP: f64 = 4.0;
+
 /// A response to the step of the barriers. The robot passes the step at 4 m.
 fn step(takes: &Takes<'_>, id: &'static str, plain: Take, what: &'static str) -> Drawn {
     let furrow = Take::StepFurrow;
     let (one, other) = (differences(takes, plain), differences(takes, furrow));
+    let (passed, _) = between(takes, plain, STEP, 12.0);
     let end = |take, points: &Points| {
         let (from, until) = between(takes, take, 10.0, 12.0);
         mean(points, from, until)
     };
     Drawn {
-        charts: vec![chart(id, what, &one, &other)],
+        charts: vec![chart(
+            id,
+            what,
+            &one,
+            &other,
+            Some((passed, "step of the barriers")),
+        )],
         numbers: vec![
-            Number::new("mean difference in the last two metres", "cm", 2)
+            Number::new("mean difference from 10 to 12 m of the row", "cm", 2)
                 .plain(end(plain, &one))
                 .furrow(end(furrow, &other)),
         ],
@@ -217,6 +235,7 @@ fn drive(
             "Blue: the law of the thesis; green: Furrow's law.",
             &one,
             &other,
+            None,
         )],
         numbers: vec![
             Number::new("mean error: the mean difference, its size", "cm", 1)

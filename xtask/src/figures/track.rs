@@ -53,6 +53,7 @@ fn state(
         axes: [TIME, unit],
         curves: &[(PLAIN, plain), (FURROW, furrow)],
         level: Some(0.0),
+        mark: None,
         down: false,
     }
     .draw()
@@ -89,6 +90,7 @@ fn way(takes: &Takes<'_>, id: &'static str, plain: Take, furrow: Take) -> maud::
         axes: ["north, m", "east, m"],
         curves: &[(PLAIN, &takes.way(plain)), (FURROW, &takes.way(furrow))],
         level: Some(0.0),
+        mark: None,
         down: true,
     }
     .draw()
@@ -160,6 +162,7 @@ pub(super) fn model(takes: &Takes<'_>) -> Drawn {
             axes: [TIME, unit],
             curves: &[(PLAIN, model), (FURROW, machine)],
             level: Some(0.0),
+            mark: None,
             down: false,
         }
         .draw()
@@ -232,6 +235,7 @@ pub(super) fn estimation(takes: &Takes<'_>) -> Drawn {
             axes: [TIME, unit],
             curves: &[(OTHER, measured), (PLAIN, estimated), (FURROW, truth)],
             level: Some(0.0),
+            mark: None,
             down: false,
         }
         .draw()
@@ -313,6 +317,7 @@ pub(super) fn route(takes: &Takes<'_>) -> Drawn {
                 axes: ["north, m", "east, m"],
                 curves: &[(OTHER, &ends), (PLAIN, &way)],
                 level: None,
+                mark: None,
                 down: true,
             }
             .draw(),
@@ -368,6 +373,7 @@ pub(super) fn half_gains(takes: &Takes<'_>) -> Drawn {
                 axes: [TIME, "m"],
                 curves: &[(OTHER, &whole), (PLAIN, &half)],
                 level: Some(0.0),
+                mark: None,
                 down: false,
             }
             .draw(),

@@ -165,6 +165,14 @@ impl Chart {
         });
     }
 
+    /// A word in the middle of a range of the horizontal axis.
+    pub(crate) fn word(&mut self, x: Span, y: f64, word: &str) {
+        let middle = (self.x(x.from) + self.x(x.to)) / 2.0;
+        self.shapes.push(html! {
+            text x=(px(middle)) y=(px(self.y(y) + 4.0)) text-anchor="middle" { (word) }
+        });
+    }
+
     /// A label left of the chart.
     pub(crate) fn label(&mut self, y: f64, text: &str) {
         self.shapes.push(html! {

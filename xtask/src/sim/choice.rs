@@ -44,12 +44,14 @@ pub(crate) fn with(
 ) -> Result<(Vehicle, Scenario), Failure> {
     let named = vehicle::with(workspace, vehicle, own)?;
     let found = Scenario::find(&named, scenario).map_err(Error::from)?;
-    let set = found.set.clone().and(own.clone());
-    if set == *own {
+    if found.set.is_empty() {
         return Ok((named, found));
     }
+    let set = found.set.and(own.clone());
     let vehicle = vehicle::with(workspace, vehicle, &set)?;
-    let scenario = Scenario::find(&vehicle, scenario).map_err(Error::from)?;
+    let mut scenario = Scenario::find(&vehicle, scenario).map_err(Error::from)?;
+    // The vehicle has them now.
+    scenario.set = Overrides::default();
     Ok((vehicle, scenario))
 }
 
@@ -148,8 +150,7 @@ mod tests {
         };
         let workspace = Workspace::find().unwrap();
         let (vehicle, scenario) = choose(&workspace, &options).map_err(|why| why.to_string())?;
-        let missing = scenario.set.missing_in(vehicle.overrides());
-        assert!(missing.is_none(), "{line}: {missing:?}");
+        assert!(scenario.set.is_empty(), "{line}");
         Ok(vehicle.overrides().environment())
     }
 
@@ -168,6 +169,19 @@ mod tests {
             format!("machine.law=thesis;{}", gains.replace("1.552", "2"))
         );
         assert_eq!(chosen("straight-line"), Ok(String::new()));
+    }
+
+    /// What is left may be what the manifest has anyway.
+    #[test]
+    fn the_command_line_may_take_back_all_that_a_scenario_sets() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("thesis.toml");
+        std::fs::write(&file, "set = [\"machine.law=thesis\"]\n").unwrap();
+        let file = file.display();
+        assert_eq!(chosen(&format!("{file}")), Ok("machine.law=thesis".into()));
+        for line in ["--law furrow", "--set machine.law=furrow"] {
+            assert!(chosen(&format!("{file} {line}")).is_ok(), "{line}");
+        }
     }
 
     #[test]

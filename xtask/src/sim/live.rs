@@ -259,6 +259,11 @@ impl Live {
         self.view.is_some()
     }
 
+    /// Whether the user has ended the run.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.view.as_ref().is_some_and(View::is_stopped)
+    }
+
     /// Gives the terminal back.
     pub(crate) fn hide(&mut self) {
         self.view = None;

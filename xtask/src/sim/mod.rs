@@ -524,6 +524,66 @@ pub(crate) fn simulate_with<'s>(
     finish(vehicle, scenario, images, twin, agreement, wish)
 }
 
+/// How a run goes on to its end.
+struct Progress {
+    end: SimTime,
+    /// Whether to show no progress, because others do.
+    quiet: bool,
+}
+
+impl Progress {
+    /// Lets the vehicle run. Comes back with the time at which the user has ended the run, if so.
+    fn run(
+        &mut self,
+        twin: &mut Twin,
+        recorder: &mut Recorder,
+        mut agreement: Option<&mut Agreement>,
+        mut live: Option<&mut Live>,
+    ) -> Result<Option<SimTime>, Error> {
+        let mut display = Display::new();
+        let quiet = self.quiet || live.as_ref().is_some_and(|live| live.is_shown());
+        let span = agreement::SPAN.as_ticks();
+        while twin.now() < self.end {
+            let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
+            recorder.run_until(twin, self.end.min(next), live.as_deref_mut())?;
+            if live.as_ref().is_some_and(|live| live.is_stopped()) {
+                display.end();
+                return Ok(Some(twin.now()));
+            }
+            if let Some(agreement) = &mut agreement {
+                agreement.compare(twin);
+            }
+            let (done, all) = (time::seconds(twin.now()), time::seconds(self.end));
+            let progress = |wall: Duration| {
+                let pace = done / wall.as_secs_f64().max(1e-9);
+                format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second")
+            };
+            if !quiet {
+                display.show(progress);
+            }
+        }
+        display.end();
+        Ok(None)
+    }
+}
+
+/// Gives the terminal back, and says how the run kept up with others and whether the user has ended it.
+fn tell(mut live: Option<Live>, stopped: Option<SimTime>) {
+    if let Some(live) = &mut live {
+        live.hide();
+    }
+    if let Some(late) = live.as_ref().and_then(Live::late) {
+        eprintln!(
+            "note: the simulation fell up to {} ms behind the time, so what others send came that late",
+            late.as_millis()
+        );
+    }
+    if let Some(at) = stopped {
+        let at = time::seconds(at);
+        eprintln!("note: the run was ended by hand at {at:.1} s");
+    }
+}
+
 /// Lets a vehicle run on to the end.
 fn finish<'s>(
     vehicle: &'s Vehicle,
@@ -547,44 +607,15 @@ fn finish<'s>(
     }
     let matrix = Matrix::new(vehicle);
     let start = Instant::now();
-    let mut display = Display::new();
     let mut recorder = Recorder::new(&mut twin, images, record_tasks);
     if let Some(live) = &mut live {
         live.show(Subject::new(vehicle, scenario, seed, end))
             .map_err(Error::from)?;
     }
-    let shown = live.as_ref().is_some_and(Live::is_shown);
-    let span = agreement::SPAN.as_ticks();
-    while twin.now() < end {
-        let next = SimTime::from_ticks((twin.now().as_ticks() / span + 1) * span);
-        recorder.run_until(&mut twin, end.min(next), live.as_mut())?;
-        if let Some(agreement) = &mut agreement {
-            agreement.compare(&mut twin);
-        }
-        if shown {
-            continue;
-        }
-        let (done, all) = (time::seconds(twin.now()), time::seconds(end));
-        let progress = |wall: Duration| {
-            let pace = done / wall.as_secs_f64().max(1e-9);
-            format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second")
-        };
-        if !quiet {
-            display.show(progress);
-        }
-    }
+    let mut way = Progress { end, quiet };
+    let stopped = way.run(&mut twin, &mut recorder, agreement.as_mut(), live.as_mut())?;
     let outcome = twin.finish();
-    display.end();
-    if let Some(live) = &mut live {
-        live.hide();
-    }
-    if let Some(late) = live.as_ref().and_then(Live::late) {
-        eprintln!(
-            "note: the simulation fell up to {} ms behind the time, so what others send came that late",
-            late.as_millis()
-        );
-    }
-    drop(live);
+    tell(live, stopped);
     let wall = start.elapsed();
 
     let log = Log::new(&outcome.records, matrix.bit_time());

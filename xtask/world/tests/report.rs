@@ -282,7 +282,7 @@ fn judged(made: &Made, expect: &str) -> (Judgement, String) {
 }
 
 /// Expectations of the run below, and what they are judged by.
-const CASES: [(&str, Judgement, &str); 16] = [
+const CASES: [(&str, Judgement, &str); 18] = [
     (
         "what = \"mode\"\nat = \"1 s\"\nmode = \"AutonomousRun\"",
         Judgement::Met,
@@ -334,19 +334,30 @@ const CASES: [(&str, Judgement, &str); 16] = [
         "the motors were not at rest until the end of the run",
     ),
     (
-        "what = \"frames\"\nmessage = \"Command\"\nleast = 2\nmost = 2",
+        "what = \"frames\"\nmessage = \"Command\"\nuntil = \"10 s\"\nleast = 2\nmost = 2",
         Judgement::Met,
         "2 of them",
     ),
     (
-        "what = \"frames\"\nmessage = \"Command\"\nfrom = \"2 s\"\nleast = 2",
+        "what = \"frames\"\nmessage = \"Command\"\nfrom = \"2 s\"\nuntil = \"10 s\"\nleast = 2",
         Judgement::Failed,
         "1 of them",
     ),
     (
-        "what = \"frames\"\nmessage = \"Latitude\"\nmost = 0\nleast = 0",
+        "what = \"frames\"\nmessage = \"Latitude\"\nuntil = \"10 s\"\nmost = 0\nleast = 0",
         Judgement::Met,
         "0 of them",
+    ),
+    // The run was cut: the rest of it may have more frames, but not fewer.
+    (
+        "what = \"frames\"\nmessage = \"Command\"\nleast = 2\nmost = 2",
+        Judgement::Open,
+        "the run ended at 10 s",
+    ),
+    (
+        "what = \"frames\"\nmessage = \"Command\"\nleast = 0\nmost = 1",
+        Judgement::Failed,
+        "2 of them",
     ),
     (
         "what = \"clean-bus\"",
@@ -899,4 +910,28 @@ fn a_folder_that_cannot_be_is_refused_in_a_sentence() {
         );
         assert_eq!(error, expected);
     }
+}
+
+/// A bus that falls silent is no clean one, though its last frames were all as planned.
+#[test]
+fn a_bus_without_references_is_not_clean() {
+    let judged_with = |until: u32| {
+        let mut made = driven();
+        made.windows = vec![window(100, 0.0, WindowKind::Reference, Due::Always)];
+        let cycles = (0..until).map(|cycle| frame(100, 0, f64::from(cycle) * 1e5, 100));
+        made.frames = cycles.collect();
+        judged(&made, "what = \"clean-bus\"")
+    };
+    assert_eq!(
+        judged_with(100),
+        (Judgement::Met, "100 frames, all as planned".into())
+    );
+    let (judgement, seen) = judged_with(30);
+    assert_eq!(judgement, Judgement::Failed);
+    assert!(
+        seen.contains("no reference for 7.1 s from 2.9 s on"),
+        "{seen}"
+    );
+    // Of a run that was cut, nobody knows whether frames would have come.
+    assert_eq!(judged_with(0).0, Judgement::Open);
 }

@@ -32,7 +32,8 @@ impl Until {
     ///
     /// A sentence that says what is accepted.
     pub(super) fn parse(text: &str, vehicle: &Vehicle) -> Result<Self, String> {
-        let text = text.trim();
+        // The forms are written with quotation marks, as a shell wants them.
+        let text = text.trim().trim_matches('"').trim();
         match text.split_once(':') {
             Some(("frame", what)) => frame(what, vehicle).map(Self::Frame),
             Some(("mode", name)) => {

@@ -106,6 +106,9 @@ impl Recorder {
             self.fetch(twin);
             if let Some(live) = &mut live {
                 live.keep_up(twin, &self.nodes)?;
+                if live.is_stopped() {
+                    break;
+                }
             }
         }
         Ok(())

@@ -445,10 +445,11 @@ fn message_cells(picture: &Picture) -> Vec<Cell> {
 /// What the view shows and which keys there are.
 fn help(frame: &mut Frame<'_>, area: Rect) {
     let text = "\
-q, Esc, Ctrl-C   end the run
+q, Esc           end the run here, with its report
+Ctrl-C           interrupt it, without one
 space            pause, go on
 +  -             faster, slower
-?                close this help
+?                this help; Esc closes it
 
 track   the way from above: the line leads to the
         right, what is right of it is below

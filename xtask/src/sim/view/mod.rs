@@ -12,6 +12,8 @@ use std::{
     io,
     ops::RangeInclusive,
     str::FromStr,
+    sync::mpsc::{Receiver, RecvTimeoutError, channel},
+    thread,
     time::{Duration, Instant},
 };
 
@@ -81,10 +83,18 @@ fn slower(speed: Option<f64>, measured: Option<f64>) -> Option<f64> {
     Some(below.unwrap_or(from))
 }
 
+/// Keys that come so soon were pressed before the view was there.
+const TYPED_BEFORE: Duration = Duration::from_millis(100);
+
 /// What a key asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Wanted {
-    End,
+    /// Ends the run here, with its report.
+    Stop,
+    /// Closes the help, or stops.
+    Back,
+    /// Ends the command as Ctrl-C does.
+    Interrupt,
     Pause,
     Faster,
     Slower,
@@ -102,10 +112,11 @@ fn wanted(key: KeyEvent) -> Option<Wanted> {
     {
         let control = key.modifiers.contains(KeyModifiers::CONTROL);
         let is_end = key.code == KeyCode::Char('c') && control;
-        return is_end.then_some(Wanted::End);
+        return is_end.then_some(Wanted::Interrupt);
     }
     match key.code {
-        KeyCode::Char('q') | KeyCode::Esc => Some(Wanted::End),
+        KeyCode::Char('q') => Some(Wanted::Stop),
+        KeyCode::Esc => Some(Wanted::Back),
         KeyCode::Char(' ') => Some(Wanted::Pause),
         // The key of + has = without shift.
         KeyCode::Char('+' | '=') => Some(Wanted::Faster),
@@ -125,6 +136,10 @@ pub(super) struct View {
     noticed: Option<Instant>,
     /// Where the measurement of the speed began.
     since: Option<(Instant, SimTime)>,
+    /// Whether the user has ended the run.
+    stopped: bool,
+    keys: Receiver<Event>,
+    opened: Instant,
 }
 
 impl View {
@@ -135,6 +150,15 @@ impl View {
     pub(super) fn open(subject: Subject, paced: bool) -> io::Result<Self> {
         interrupt::restore_when_interrupted(Some(restore));
         let terminal = ratatui::try_init().inspect_err(|_| restore())?;
+        let (events, keys) = channel();
+        // A thread of its own: a sequence that is not finished keeps its reader waiting, and nobody else.
+        thread::spawn(move || {
+            while let Ok(event) = event::read() {
+                if events.send(event).is_err() {
+                    break;
+                }
+            }
+        });
         Ok(Self {
             terminal,
             scene: Scene::new(subject),
@@ -142,6 +166,9 @@ impl View {
             drawn: None,
             noticed: None,
             since: None,
+            stopped: false,
+            keys,
+            opened: Instant::now(),
         })
     }
 
@@ -175,8 +202,11 @@ impl View {
                 .is_some_and(|noticed| noticed.elapsed() < NOTICED);
             if !(wait.is_zero() && looked) {
                 self.noticed = Some(Instant::now());
-                if event::poll(wait)? {
-                    self.react(&event::read()?, twin.now(), pace);
+                if let Some(event) = self.event(wait)? {
+                    self.react(&event, twin.now(), pace);
+                    if self.stopped {
+                        return Ok(());
+                    }
                     continue;
                 }
             }
@@ -184,6 +214,24 @@ impl View {
                 return Ok(());
             }
         }
+    }
+
+    /// The next event of the terminal within this time.
+    fn event(&self, wait: Duration) -> io::Result<Option<Event>> {
+        match self.keys.recv_timeout(wait) {
+            // What was typed before was not meant for a view that nobody had seen.
+            Ok(_) if self.opened.elapsed() < TYPED_BEFORE => Ok(None),
+            Ok(event) => Ok(Some(event)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => {
+                Err(io::Error::other("it cannot be read any more"))
+            }
+        }
+    }
+
+    /// Whether the user has ended the run.
+    pub(super) const fn is_stopped(&self) -> bool {
+        self.stopped
     }
 
     fn measure(&mut self, now: SimTime, pace: &Pace) {
@@ -204,7 +252,9 @@ impl View {
         };
         let (speed, paused) = (pace.speed(), pace.is_paused());
         match wanted(*key) {
-            Some(Wanted::End) => interrupt::end(),
+            Some(Wanted::Interrupt) => interrupt::end(),
+            Some(Wanted::Back) if self.scene.help => self.scene.help = false,
+            Some(Wanted::Stop | Wanted::Back) => self.stopped = true,
             Some(Wanted::Pause) => {
                 self.since = None;
                 pace.change(now, speed, !paused);

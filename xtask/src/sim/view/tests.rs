@@ -112,10 +112,12 @@ fn speeds_go_up_and_down_in_steps() {
 fn keys_have_a_meaning() {
     let key = |code, modifiers| wanted(KeyEvent::new(code, modifiers));
     let plain = |code| key(code, KeyModifiers::NONE);
-    let end = Some(Wanted::End);
-    assert_eq!(plain(KeyCode::Char('q')), end);
-    assert_eq!(plain(KeyCode::Esc), end);
-    assert_eq!(key(KeyCode::Char('c'), KeyModifiers::CONTROL), end);
+    assert_eq!(plain(KeyCode::Char('q')), Some(Wanted::Stop));
+    assert_eq!(plain(KeyCode::Esc), Some(Wanted::Back));
+    assert_eq!(
+        key(KeyCode::Char('c'), KeyModifiers::CONTROL),
+        Some(Wanted::Interrupt)
+    );
     assert_eq!(plain(KeyCode::Char('c')), None);
     assert_eq!(key(KeyCode::Char(' '), KeyModifiers::CONTROL), None);
     assert_eq!(plain(KeyCode::Char(' ')), Some(Wanted::Pause));

@@ -5,9 +5,9 @@ use core::fmt;
 use serde::Serialize;
 
 use super::figures::rounded;
-use super::{FrameRecord, Run, Summary, guidance};
+use super::{FrameRecord, Run, Summary, WindowKind, guidance};
 use crate::scenario::{Expectation, Figure};
-use crate::time::{SimDuration, SimTime, at, from_seconds, seconds, span_seconds};
+use crate::time::{SimDuration, SimTime, Span as _, at, from_seconds, seconds, span_seconds};
 use crate::units::Time;
 
 /// The name of the value that a frame carries in a signal; `None` if it has no such signal.
@@ -69,7 +69,7 @@ pub fn expectations(run: &Run, summary: &Summary, decode: Decode<'_>) -> Vec<Exp
         // A period that begins with the end of the run has nothing in it.
         let early = expectation.judged_at().is_some_and(|at| at > end)
             || expectation.begins_at().is_some_and(|from| from >= end);
-        let (judgement, seen) = if early {
+        let (judgement, seen) = if early || is_open(expectation, run, summary) {
             let seen = format!("the run ended at {}", Time::new(end));
             (Judgement::Open, seen)
         } else {
@@ -85,6 +85,53 @@ pub fn expectations(run: &Run, summary: &Summary, decode: Decode<'_>) -> Vec<Exp
         }
     })
     .collect()
+}
+
+/// Whether the rest of a run that was cut could still decide.
+fn is_open(expectation: &Expectation, run: &Run, summary: &Summary) -> bool {
+    let whole = run.scenario.duration.span();
+    if run.duration >= whole {
+        return false;
+    }
+    match expectation {
+        Expectation::Frames {
+            message,
+            from,
+            until: None,
+            most,
+            ..
+        } => {
+            let count = frames(run, message, *from, None).count() as u64;
+            count <= most.unwrap_or(u64::MAX)
+        }
+        Expectation::CleanBus {} => summary.bus.frames == 0,
+        _ => false,
+    }
+}
+
+/// The longest time without a reference on a bus that has had one, if a basic cycle is missing there.
+fn without_reference(run: &Run) -> Option<String> {
+    let windows = run.windows.iter();
+    let references: Vec<u16> = windows
+        .filter(|window| window.kind == WindowKind::Reference)
+        .map(|window| window.id)
+        .collect();
+    let frames = run.frames.iter();
+    let sent = frames.filter(|frame| frame.complete && references.contains(&frame.id));
+    let begins: Vec<SimTime> = sent.map(|frame| frame.start).collect();
+    let ends = begins.iter().skip(1).copied().chain([at(run.duration)]);
+    let gaps = begins.iter().zip(ends);
+    let (from, gap) = gaps
+        .map(|(from, until)| (*from, crate::time::since(until, *from)))
+        .max_by_key(|(_, gap)| *gap)?;
+    let cycle = run.basic_cycle;
+    (gap > cycle + cycle / 2).then(|| {
+        format!(
+            "no reference for {} from {} on",
+            Time::new(rounded(span_seconds(gap), 3)),
+            when(from)
+        )
+    })
 }
 
 /// A time of the run in words.
@@ -184,11 +231,15 @@ fn judge(
         }
         Expectation::CleanBus {} => {
             let counts = BUS.map(|figure| (figure, counted(figure, summary)));
-            let wrong: Vec<String> = counts
+            let mut wrong: Vec<String> = counts
                 .iter()
                 .filter(|(_, count)| *count > 0)
                 .map(|(figure, count)| format!("{count} {figure}"))
                 .collect();
+            if summary.bus.frames == 0 {
+                wrong.push("no frame at all".into());
+            }
+            wrong.extend(without_reference(run));
             match wrong.is_empty() {
                 true => Ok(format!("{} frames, all as planned", summary.bus.frames)),
                 false => Err(wrong.join(", ")),
