@@ -740,3 +740,30 @@ fn a_million_frames_are_analysed() {
     println!("{} frames in {:?}", found.log.frames, start.elapsed());
     assert_eq!(found.log.frames, 800 * lines.len() as u64);
 }
+
+/// Adapters that stamp frames in milliseconds, and a clock that is corrected now and then: what is a
+/// millisecond beside its window for the stamps is in it for the bus.
+#[test]
+fn stamps_in_milliseconds_put_no_frame_outside_its_window() {
+    let log = fs::read_to_string(root().join(DRIVE)).unwrap();
+    let coarse: String = log
+        .lines()
+        .enumerate()
+        .map(|(number, line)| {
+            let (stamp, rest) = line.split_once(')').unwrap();
+            let seconds: f64 = stamp.trim_start_matches('(').parse().unwrap();
+            let corrected = if number < 300 { 0.000_336 } else { 0.000_269 };
+            let millis = (seconds * 1000.0).floor() / 1000.0 + corrected;
+            format!("({millis:.6}){rest}\n")
+        })
+        .collect();
+    let fine = of_text(&log).schedule.unwrap();
+    let found = of_text(&coarse).schedule.unwrap();
+    assert_eq!((fine.tolerance_us, found.tolerance_us), (0.0, 1000.0));
+    assert_eq!(found.basic_cycles, fine.basic_cycles);
+    assert_eq!(
+        found.frames_outside_their_window,
+        fine.frames_outside_their_window
+    );
+    assert_eq!(found.missed_windows, fine.missed_windows);
+}

@@ -108,6 +108,8 @@ pub struct UnknownFigures {
 /// The frames against the schedule. Starts of frame are the stamps less the frames' lengths.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScheduleFigures {
+    /// How far beside its window a frame may begin by its stamp: a millisecond if the logger counts these.
+    pub tolerance_us: f64,
     /// Reference messages.
     pub basic_cycles: u64,
     /// References that did not come when the next one was due.

@@ -188,7 +188,7 @@ impl Input {
         mut messages: Option<&mut Messages>,
         display: &mut Display,
     ) -> Result<Found, Failure> {
-        let mut analysis = Analysis::new(vehicle, &self.decoder);
+        let mut analysis = Analysis::new(vehicle, &self.decoder, self.survey.tolerance);
         self.survey.replay(display, &mut |at, frame| {
             if let Some((at, id, data)) = analysis.take(at, frame)
                 && let Some(messages) = &mut messages
@@ -233,7 +233,7 @@ struct Analysis<'d> {
 }
 
 impl<'d> Analysis<'d> {
-    fn new(vehicle: &Vehicle, decoder: &'d Decoder) -> Self {
+    fn new(vehicle: &Vehicle, decoder: &'d Decoder, tolerance: i64) -> Self {
         let mode = vehicle.manifest().mode.as_ref().and_then(|mode| {
             let message = decoder.named(&mode.message)?;
             message.field(&mode.signal)?.table.clone()
@@ -241,7 +241,7 @@ impl<'d> Analysis<'d> {
         Self {
             decoder,
             traffic: Traffic::new(),
-            timing: Timing::new(vehicle),
+            timing: Timing::new(vehicle, tolerance),
             guidance: Guidance::new(vehicle, decoder),
             steering: Steering::new(vehicle, decoder),
             events: Events::new(mode),

@@ -324,6 +324,9 @@ fn timing(s: &ScheduleFigures) -> Markup {
         )
     });
     html! {
+        @if s.tolerance_us > 0.0 {
+            p { "The stamps are whole milliseconds apart, so a frame may be a millisecond beside its window." }
+        }
         p {
             (format!(
                 "{}: {} us to {} us, mean {} us. {}. {} could not be placed, for want of a reference.",

@@ -55,6 +55,9 @@ pub(super) struct Survey {
     pub(super) skipped: BTreeMap<Skip, u64>,
     /// Time stamp of the first frame.
     pub(super) start: LogTime,
+    /// How far a time stamp may be beside the truth because the logger counts milliseconds, ns: 0 if it does
+    /// not.
+    pub(super) tolerance: i64,
 }
 
 /// Counters of the first reading.
@@ -62,6 +65,30 @@ pub(super) struct Survey {
 struct Counts {
     interfaces: BTreeMap<String, Interface>,
     skipped: BTreeMap<Skip, u64>,
+    /// The last stamp; how many were whole milliseconds behind the one before; and how many had one before.
+    last: Option<LogTime>,
+    whole: u64,
+    pairs: u64,
+}
+
+/// A millisecond, ns.
+const MILLISECOND: u64 = 1_000_000;
+/// Fewest stamps that tell of a logger that counts milliseconds, of which most others are whole ones behind
+/// the one before: now and then such a logger corrects its clock.
+const NO_CHANCE: u64 = 20;
+
+impl Counts {
+    fn stamp(&mut self, at: LogTime) {
+        if let Some(last) = self.last.replace(at) {
+            self.pairs += 1;
+            let distance = at.as_ticks().abs_diff(last.as_ticks());
+            self.whole += u64::from(distance.is_multiple_of(MILLISECOND));
+        }
+    }
+
+    fn are_coarse(&self) -> bool {
+        self.pairs >= NO_CHANCE && self.whole >= self.pairs / 10 * 9
+    }
 }
 
 /// Reads the logs for the first time. `known` tells the frames of the vehicle's network; without a
@@ -82,9 +109,11 @@ pub(super) fn survey(
         logs.push(one(path, known, &mut counts, display)?);
     }
     let start = in_order(&logs)?;
+    let is_coarse = counts.are_coarse();
     let Counts {
         interfaces,
         skipped,
+        ..
     } = counts;
     let best = interfaces
         .iter()
@@ -108,6 +137,7 @@ pub(super) fn survey(
         interface,
         skipped,
         start,
+        tolerance: if is_coarse { MILLISECOND as i64 } else { 0 },
     })
 }
 
@@ -173,6 +203,7 @@ fn one(
     let mut take = |item| match item {
         Item::Frame(entry) => {
             frames += 1;
+            counts.stamp(entry.at);
             let index = usize::from(entry.channel);
             if channels.len() <= index {
                 channels.resize(index + 1, Interface::default());

@@ -182,6 +182,13 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
         figure(s.mean_cycle_us, 2),
         counted(s.missing_references, "reference is", "references are")
     )?;
+    if s.tolerance_us > 0.0 {
+        writeln!(
+            t,
+            "  the stamps are whole milliseconds apart, so a frame may be {:.0} us beside its window",
+            s.tolerance_us
+        )?;
+    }
     writeln!(
         t,
         "  {} missed, {} outside their window, {} without a reference",

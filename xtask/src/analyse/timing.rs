@@ -53,6 +53,8 @@ struct Slot {
     /// Beginning and length, ns.
     start: i64,
     length: i64,
+    /// How far beside its window a frame may begin by its stamp, ns.
+    tolerance: i64,
     /// Starts of frame after its beginning, ns.
     starts: Spread,
     /// Basic cycles in which it stayed empty although its message was due and had come before.
@@ -62,11 +64,12 @@ struct Slot {
 }
 
 impl Slot {
-    fn new(window: Window) -> Self {
+    fn new(window: Window, tolerance: i64) -> Self {
         let ns = |span: world::SimDuration| (span.as_ticks() / 1000) as i64;
         Self {
             start: ns(window.start),
             length: ns(window.length),
+            tolerance,
             window,
             starts: Spread::default(),
             missed: 0,
@@ -83,7 +86,8 @@ impl Slot {
     /// early by up to half the window is an early frame of it.
     fn own(&self, count: u8, id: Identifier, offset: i64) -> Option<i64> {
         let after = offset - self.start;
-        let inside = after >= -self.length / 2 && after < self.length;
+        let early = (self.length / 2).max(self.tolerance);
+        let inside = after >= -early && after < self.length + self.tolerance;
         (id.is(self.window.id) && inside && self.comes(count)).then_some(after)
     }
 
@@ -140,6 +144,7 @@ type Place = (Identifier, Option<i64>);
 /// Compares the frames with the schedule.
 pub(super) struct Timing {
     slots: Vec<Slot>,
+    tolerance: i64,
     references: Vec<u16>,
     count_byte: usize,
     basic_cycle: i64,
@@ -158,7 +163,8 @@ pub(super) struct Timing {
 
 impl Timing {
     /// The schedule of a vehicle; `None` if its nodes send at once.
-    pub(super) fn new(vehicle: &Vehicle) -> Option<Self> {
+    /// Stamps may be beside the truth by the tolerance, ns.
+    pub(super) fn new(vehicle: &Vehicle, tolerance: i64) -> Option<Self> {
         let matrix = Matrix::new(vehicle);
         let of_kind = |kind| {
             matrix
@@ -177,10 +183,14 @@ impl Timing {
             .windows
             .iter()
             .filter(|one| one.kind != WindowKind::Reference);
-        let mut slots: Vec<Slot> = others.cloned().map(Slot::new).collect();
+        let mut slots: Vec<Slot> = others
+            .cloned()
+            .map(|window| Slot::new(window, tolerance))
+            .collect();
         slots.sort_by_key(|slot| (slot.start, slot.window.offset, slot.window.id));
         Some(Self {
             slots,
+            tolerance,
             references,
             count_byte: matrix.cycle_count_byte(),
             basic_cycle: i64::from(network.basic_cycle_us) * 1000,
@@ -411,6 +421,7 @@ impl Timing {
         });
         ScheduleFigures {
             basic_cycles: self.cycles,
+            tolerance_us: rounded(self.tolerance as f64 * 1e-3, 3),
             missing_references: self.missing,
             mean_cycle_us: us(self.periods.mean()),
             shortest_cycle_us: us(self.periods.least()),
@@ -551,7 +562,7 @@ mod tests {
             };
             let expected = Summary::of(&run).bus;
 
-            let mut timing = Timing::new(&vehicle).unwrap();
+            let mut timing = Timing::new(&vehicle, 0).unwrap();
             for (at, frame) in &frames {
                 timing.take(*at, frame);
             }
@@ -598,7 +609,7 @@ mod tests {
     #[test]
     fn a_frame_in_the_window_of_another_message_is_named_with_it() {
         let vehicle = uagv();
-        let mut timing = Timing::new(&vehicle).unwrap();
+        let mut timing = Timing::new(&vehicle, 0).unwrap();
         let mut take = |at: i64, id: u16, data: &[u8]| {
             let frame = Frame::standard(id, data).unwrap();
             timing.take(at, &frame);
