@@ -199,6 +199,20 @@ fn keys_pause_and_end_a_run() {
     assert!(simulated < 600.0, "{simulated}");
 }
 
+/// Such as Escape and a bracket: whatever the terminal may still wait for, the run goes on.
+#[test]
+fn an_unfinished_key_sequence_does_not_stop_a_run() {
+    for keys in ["\x1b[", "\x1bO", "\x1b[200"] {
+        let mut run = Watched::start(&["--seconds", "4", "--watch=2"]);
+        run.wait_for("basic cycle", 0);
+        thread::sleep(Duration::from_millis(200));
+        run.press(keys);
+        let (status, after) = run.ended();
+        assert_eq!(status.code(), Some(0), "{after}");
+        assert!(after.contains("4 s simulated"), "{after}");
+    }
+}
+
 /// Ctrl-C is a key there, and a request of the system comes as ever.
 #[test]
 fn an_interrupted_view_gives_the_terminal_back() {

@@ -766,6 +766,7 @@ impl Finished<'_> {
     /// The figures, including those that are not in the recordings.
     pub(crate) fn summary(&self) -> Summary {
         let mut summary = Summary::of(&self.run());
+        summary.set = self.vehicle.overrides().environment();
         summary.bus.global_time = self.agreement.map(|figures| {
             GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
         });

@@ -13,6 +13,9 @@ use crate::time::{seconds, span_seconds};
 pub struct Summary {
     /// Name of the scenario.
     pub scenario: String,
+    /// Values in place of those of the vehicle's manifest, as `KEY=VALUE` with a semicolon between two.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub set: String,
     /// Seed of the run.
     pub seed: u64,
     /// Simulated time.
@@ -101,6 +104,7 @@ impl Summary {
         let steering = states.map(|state| state.steering.abs()).reduce(f64::max);
         Self {
             scenario: run.scenario.name.clone(),
+            set: String::new(),
             seed: run.seed,
             simulated_seconds: rounded(span_seconds(run.duration), 6),
             autonomous_runs: guidance::autonomous_runs(run),

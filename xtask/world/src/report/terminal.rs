@@ -32,6 +32,9 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
         "{}, seed {}, {} s simulated",
         s.scenario, s.seed, s.simulated_seconds
     )?;
+    if !s.set.is_empty() {
+        writeln!(t, "  with {}", s.set.replace(';', ", "))?;
+    }
     if let Some(wall) = wall {
         let wall = wall.as_secs_f64();
         let pace = s.simulated_seconds / wall.max(1e-9);

@@ -19,8 +19,12 @@ pub(super) fn markup(
     summary: &Summary,
     data: &str,
 ) -> String {
+    let with = match summary.set.as_str() {
+        "" => String::new(),
+        set => format!("; with {}", set.replace(';', ", ")),
+    };
     let about = format!(
-        "{}; seed {}, {} s simulated.",
+        "{}{with}; seed {}, {} s simulated.",
         finished.scenario.summary,
         finished.seed,
         seconds(finished.outcome.duration)
