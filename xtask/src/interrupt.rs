@@ -32,7 +32,7 @@ pub(crate) fn keep(file: &Path) {
     files().retain(|one| one != file);
 }
 
-/// From now on an interrupted command calls `restore` before it ends; with `None` no more.
+/// Sets the function that gives the terminal back before an interrupted command ends; `None` removes it.
 pub(crate) fn restore_when_interrupted(restore: Option<fn()>) {
     *RESTORE.lock().unwrap_or_else(PoisonError::into_inner) = restore;
 }

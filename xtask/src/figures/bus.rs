@@ -22,15 +22,7 @@ const ANSWER: &str = "run";
 /// Starts of the basic cycles of a run, s.
 fn cycles(takes: &Takes<'_>, take: Take) -> Vec<f64> {
     let run = takes.of(take).run();
-    let references: Vec<u16> = run
-        .windows
-        .iter()
-        .filter(|window| window.kind == WindowKind::Reference)
-        .map(|window| window.id)
-        .collect();
-    let frames = run.frames.iter();
-    let frames = frames.filter(|frame| frame.complete && references.contains(&frame.id));
-    frames.map(|frame| seconds(frame.start)).collect()
+    run.references().map(|frame| seconds(frame.start)).collect()
 }
 
 /// A basic cycle in which the vehicle has driven by itself for a while: its start, s.

@@ -5,7 +5,7 @@ use core::fmt;
 use serde::Serialize;
 
 use super::figures::rounded;
-use super::{FrameRecord, Run, Summary, WindowKind, guidance};
+use super::{FrameRecord, Run, Summary, guidance};
 use crate::scenario::{Expectation, Figure};
 use crate::time::{SimDuration, SimTime, Span as _, at, from_seconds, seconds, span_seconds};
 use crate::units::Time;
@@ -111,14 +111,7 @@ fn is_open(expectation: &Expectation, run: &Run, summary: &Summary) -> bool {
 
 /// The longest time without a reference on a bus that has had one, if a basic cycle is missing there.
 fn without_reference(run: &Run) -> Option<String> {
-    let windows = run.windows.iter();
-    let references: Vec<u16> = windows
-        .filter(|window| window.kind == WindowKind::Reference)
-        .map(|window| window.id)
-        .collect();
-    let frames = run.frames.iter();
-    let sent = frames.filter(|frame| frame.complete && references.contains(&frame.id));
-    let begins: Vec<SimTime> = sent.map(|frame| frame.start).collect();
+    let begins: Vec<SimTime> = run.references().map(|frame| frame.start).collect();
     let ends = begins.iter().skip(1).copied().chain([at(run.duration)]);
     let gaps = begins.iter().zip(ends);
     let (from, gap) = gaps

@@ -81,6 +81,18 @@ pub struct Run<'a> {
     pub crop: Option<CropRun<'a>>,
 }
 
+impl Run<'_> {
+    /// The reference messages, of every master, that were sent to their end.
+    pub fn references(&self) -> impl Iterator<Item = &FrameRecord> {
+        let of = |id| {
+            let is_reference = |one: &Window| one.kind == WindowKind::Reference && one.id == id;
+            self.windows.iter().any(is_reference)
+        };
+        let frames = self.frames.iter();
+        frames.filter(move |frame| frame.complete && of(frame.id))
+    }
+}
+
 /// A frame on the bus.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 pub struct FrameRecord {

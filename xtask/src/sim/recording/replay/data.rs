@@ -77,13 +77,6 @@ pub(super) fn header(
 /// When each basic cycle begins: with its reference message, and a cycle later where one is missing.
 fn cycles(finished: &Finished<'_>) -> Vec<SimTime> {
     let length = finished.matrix.basic_cycle();
-    let mut windows = finished.matrix.windows.iter();
-    let references: Vec<u16> = windows
-        .by_ref()
-        .filter(|window| window.kind == WindowKind::Reference)
-        .map(|window| window.id)
-        .collect();
-    let is_reference = |frame: &&FrameRecord| frame.complete && references.contains(&frame.id);
     let mut all = vec![SimTime::from_ticks(0)];
     let mut fill = |until: SimTime| {
         while let Some(&last) = all.last()
@@ -93,7 +86,7 @@ fn cycles(finished: &Finished<'_>) -> Vec<SimTime> {
         }
         all.push(until);
     };
-    for frame in finished.log.frames.iter().filter(is_reference) {
+    for frame in finished.run().references() {
         fill(frame.start);
     }
     fill(SimTime::from_ticks(finished.outcome.duration.as_ticks()));
