@@ -658,11 +658,11 @@ pub struct Figures {
     /// Folder for the page, the numbers, and a picture of each chart [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Print the numbers as JSON
+    /// Print the numbers, or the list, as JSON
     #[arg(long)]
     pub json: bool,
     /// List the figures instead of drawing them
-    #[arg(long, conflicts_with_all = ["out", "json"])]
+    #[arg(long, conflicts_with = "out")]
     pub list: bool,
 }
 

@@ -14,6 +14,8 @@ mod frames;
 mod fuzz;
 #[path = "log/kvaser.rs"]
 mod kvaser;
+#[path = "log/mcap.rs"]
+mod mcap;
 #[path = "log/python_can.rs"]
 mod python_can;
 

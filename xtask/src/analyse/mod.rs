@@ -4,7 +4,6 @@ mod drawings;
 mod events;
 mod figures;
 pub(crate) mod guidance;
-mod mcap;
 pub(crate) mod page;
 mod parquet;
 mod series;

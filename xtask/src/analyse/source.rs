@@ -10,10 +10,9 @@ use std::{
 
 use can_bus::{
     Frame,
-    log::{Item, LogTime, Reader, Skip},
+    log::{Item, LogTime, Reader, Skip, mcap},
 };
 
-use super::mcap;
 use crate::{Failure, progress::Display};
 
 /// The formats, for those whose log has none of them.

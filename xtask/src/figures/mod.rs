@@ -45,6 +45,13 @@ struct Figure {
     draw: fn(&Takes<'_>) -> Drawn,
 }
 
+impl Figure {
+    /// The commands that make its runs.
+    fn commands(&self) -> Vec<String> {
+        self.takes.iter().map(|take| take.command()).collect()
+    }
+}
+
 macro_rules! figure {
     ($number:literal, $title:literal, [$($take:expr),+], $draw:path) => {
         Figure {
@@ -273,7 +280,20 @@ struct Told<'f> {
     figure: &'static str,
     title: &'static str,
     commands: Vec<String>,
-    numbers: &'f [Number],
+    /// None in a list.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    numbers: Option<&'f [Number]>,
+}
+
+impl<'f> Told<'f> {
+    fn of(figure: &Figure, numbers: Option<&'f [Number]>) -> Self {
+        Self {
+            figure: figure.number,
+            title: figure.title,
+            commands: figure.commands(),
+            numbers,
+        }
+    }
 }
 
 /// Runs the command.
@@ -284,7 +304,14 @@ struct Told<'f> {
 pub fn run(workspace: &Workspace, options: &cli::Figures) -> Result<(), Failure> {
     let chosen = chosen(&options.only)?;
     if options.list {
-        print!("{}", list(&chosen));
+        if options.json {
+            print!(
+                "{}",
+                json(chosen.iter().map(|figure| Told::of(figure, None)))
+            );
+        } else {
+            print!("{}", list(&chosen));
+        }
         return Ok(());
     }
     let folder = match &options.out {
@@ -302,7 +329,9 @@ pub fn run(workspace: &Workspace, options: &cli::Figures) -> Result<(), Failure>
         .into_iter()
         .map(|figure| (figure, (figure.draw)(&takes)))
         .collect();
-    let json = json(&drawn);
+    let told = drawn.iter();
+    let told = told.map(|(figure, drawn)| Told::of(figure, Some(drawn.numbers.as_slice())));
+    let json = json(told);
     if let Some(mut folder) = folder {
         folder.replace_older(|name| name.starts_with("figure-") && name.ends_with(".svg"));
         let mut write = || -> Result<_, FolderError> {
@@ -348,22 +377,9 @@ fn list(figures: &[&Figure]) -> String {
     figures.iter().map(line).collect()
 }
 
-/// The commands that make the runs of a figure.
-fn commands(figure: &Figure) -> Vec<String> {
-    figure.takes.iter().map(|take| take.command()).collect()
-}
-
-/// The numbers of all figures for programs.
-fn json(drawn: &[(&Figure, Drawn)]) -> String {
-    let told: Vec<Told> = drawn
-        .iter()
-        .map(|(figure, drawn)| Told {
-            figure: figure.number,
-            title: figure.title,
-            commands: commands(figure),
-            numbers: &drawn.numbers,
-        })
-        .collect();
+/// What is told of figures, for programs.
+fn json<'f>(told: impl Iterator<Item = Told<'f>>) -> String {
+    let told: Vec<Told<'_>> = told.collect();
     let mut text = serde_json::to_string_pretty(&told).unwrap_or_default();
     text.push('\n');
     text

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, html};
 
 use super::{
-    Figure, cell, commands,
+    Figure, cell,
     drawn::{Drawn, Number},
 };
 use crate::page::{self, chart};
@@ -76,7 +76,7 @@ fn one(figure: &Figure, drawn: &Drawn) -> Markup {
             @if !drawn.numbers.is_empty() { (table(figure, &drawn.numbers)) }
             details {
                 summary { "Runs" }
-                @for command in commands(figure) { p { code { (command) } } }
+                @for command in figure.commands() { p { code { (command) } } }
             }
         }
     }

@@ -100,7 +100,14 @@ fn law(vehicle: &Vehicle, options: &Sim) -> Result<Overrides, Failure> {
     };
     let mut set = Vec::new();
     if let Some(law) = options.law {
-        set.push(law_key(manifest, law));
+        let key = law_key(manifest, law);
+        let own = Overrides::parse(&key).map_err(Failure::Usage)?;
+        if let Some(key) = own.shared_key(&options.changes.overrides()) {
+            return refuse(&format!(
+                "--law and --set {key} both choose the law: one of them is accepted"
+            ));
+        }
+        set.push(key);
     }
     if let Some(scale) = options.gain_scale {
         if options.law.unwrap_or(usual) != Law::Thesis {
@@ -169,6 +176,12 @@ mod tests {
             format!("machine.law=thesis;{}", gains.replace("1.552", "2"))
         );
         assert_eq!(chosen("straight-line"), Ok(String::new()));
+    }
+
+    #[test]
+    fn the_law_is_chosen_once() {
+        let refused = chosen("straight-line --law furrow --set machine.law=thesis").unwrap_err();
+        assert!(refused.contains("--law and --set machine.law"), "{refused}");
     }
 
     /// What is left may be what the manifest has anyway.

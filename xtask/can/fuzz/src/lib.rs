@@ -1,7 +1,7 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with
 //! random bytes, because a fuzzer needs a nightly toolchain.
 
-use can_bus::log::{Item, Reader};
+use can_bus::log::{Item, Reader, mcap};
 use can_bus::slcan::{Answer, Decoder, encode};
 
 /// All answers in the bytes of a serial port. Every frame among them must be read back as it is
@@ -43,4 +43,21 @@ pub fn log(bytes: &[u8]) -> Vec<Item> {
         }
     }
     items
+}
+
+/// All frames of an MCAP file. One of them must name a topic of the reader, and a file that is read to its
+/// end has one.
+pub fn mcap(bytes: &[u8]) -> Result<Vec<Item>, mcap::Error> {
+    let mut reader = mcap::Reader::default();
+    let mut items = Vec::new();
+    let mut input = bytes;
+    let end = reader.read(&mut input, &mut |item| items.push(item));
+    for item in &items {
+        if let Item::Frame(entry) = item {
+            assert!(usize::from(entry.channel) < reader.topics().len());
+        }
+    }
+    end?;
+    assert!(!reader.topics().is_empty());
+    Ok(items)
 }

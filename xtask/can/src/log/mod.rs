@@ -24,6 +24,8 @@ mod candump;
 mod channels;
 mod fields;
 mod kvaser;
+#[cfg(feature = "mcap")]
+pub mod mcap;
 
 use std::io::{self, BufRead};
 
@@ -113,18 +115,21 @@ pub enum Skip {
     NotText,
     /// The last line has no end: the log was cut off, and so may its last value be.
     Cut,
+    /// A frame of one more interface than are told apart.
+    Interface,
     /// The line cannot be read.
     Unreadable,
 }
 
 impl Skip {
     /// All kinds.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::FdFrame,
         Self::ErrorFrame,
         Self::Event,
         Self::NotText,
         Self::Cut,
+        Self::Interface,
         Self::Unreadable,
     ];
 
@@ -137,6 +142,7 @@ impl Skip {
             Self::Event => "other events",
             Self::NotText => "lines that are not UTF-8",
             Self::Cut => "cut last lines",
+            Self::Interface => "frames of interfaces beyond the 64th",
             Self::Unreadable => "unreadable lines",
         }
     }

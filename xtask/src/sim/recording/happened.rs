@@ -3,7 +3,7 @@
 use twin::{GateChange, ResetCause};
 use world::report::{ModeChange, Summary};
 use world::time::{Span as _, seconds};
-use world::{Scenario, SimTime};
+use world::{NodeIndex, Scenario, SimTime};
 
 use super::{super::Finished, LogLine};
 
@@ -55,10 +55,15 @@ impl Happened<'_> {
         for mode in self.modes {
             all.push(event(mode.at, format!("mode {}", mode.mode), false));
         }
-        for (table, at) in self.scenario.beginnings() {
-            let at = world::time::at(at.span());
+        let name = |index: NodeIndex| {
+            let node = self.nodes.get(index.0);
+            node.map_or_else(String::new, |node| node.name.to_owned())
+        };
+        for happening in self.scenario.happenings(&name) {
+            let at = world::time::at(happening.at.span());
             if at <= self.until {
-                all.push(event(at, format!("scenario: {table}"), false));
+                let text = format!("scenario: {}", happening.words);
+                all.push(event(at, text, false));
             }
         }
         for node in &self.nodes {

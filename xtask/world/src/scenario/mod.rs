@@ -10,6 +10,7 @@ mod error;
 mod events;
 mod expect;
 mod file;
+mod happening;
 mod rover;
 mod row;
 
@@ -386,35 +387,8 @@ impl Scenario {
     /// When the things that happen begin, each with its table, such as `press[0]`.
     #[must_use]
     pub fn beginnings(&self) -> Vec<(String, Time)> {
-        fn times<E>(events: &[E], time: fn(&E) -> Time) -> Vec<Time> {
-            events.iter().map(time).collect()
-        }
-        let tables = [
-            ("fix", times(&self.fix, |event| event.at)),
-            ("stream", times(&self.stream, |event| event.from)),
-            ("press", times(&self.press, |event| event.at)),
-            ("supply", times(&self.supply, |event| event.at)),
-            ("joystick", times(&self.joystick, |event| event.at)),
-            ("knob", times(&self.knob, |event| event.at)),
-            ("stop_loop", times(&self.stop_loop, |event| event.at)),
-            ("reset", times(&self.reset, |event| event.at)),
-            ("clock", times(&self.clock, |event| event.at)),
-            ("brownout", times(&self.brownout, |event| event.at)),
-            ("wire", times(&self.wire, |event| event.at)),
-            ("relay", times(&self.relay, |event| event.at)),
-            ("babble", times(&self.babble, |event| event.at)),
-            ("bus", times(&self.bus, BusEvent::at)),
-            (
-                "distance_fault",
-                times(&self.distance_fault, |event| event.at),
-            ),
-        ];
-        let of_table = |(table, times): (&str, Vec<Time>)| {
-            let table = table.to_owned();
-            let times = times.into_iter().enumerate();
-            times.map(move |(i, at)| (format!("{table}[{i}]"), at))
-        };
-        tables.into_iter().flat_map(of_table).collect()
+        let happenings = self.happenings(&|_| String::new());
+        happenings.into_iter().map(|it| (it.table, it.at)).collect()
     }
 
     /// Parses a scenario of a vehicle from TOML. Reports use `name` for the scenario, error

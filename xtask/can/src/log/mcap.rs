@@ -8,10 +8,6 @@ use std::{
     io::{self, Read},
 };
 
-use can_bus::{
-    Frame,
-    log::{Entry, Item, LogTime, Skip},
-};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use embedded_can::{ExtendedId, Id, StandardId};
 use mcap::{
@@ -21,28 +17,31 @@ use mcap::{
 };
 use serde::Deserialize;
 
+use super::{Entry, Item, LogTime, Skip};
+use crate::Frame;
+
 /// How an MCAP file begins.
-pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+pub const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// The name of the format.
-pub(super) const NAME: &str = "MCAP";
+pub const NAME: &str = "MCAP";
 
 /// What is read.
-pub(super) const SCHEMAS: &str =
+pub const SCHEMAS: &str =
     "furrow.Frame (JSON) and can_msgs/msg/Frame (CDR of ROS 2, or can_msgs/Frame of ROS 1)";
 
 /// Size of the pieces in which a file is read, bytes.
 const PIECE: usize = 1 << 16;
 /// Most bytes of a record, or of a chunk when it is unpacked: recorders make chunks of some megabytes.
 const MOST: usize = 1 << 28;
-/// Most channels with frames; further ones are not read.
+/// Most channels with frames that are told apart.
 const MOST_CHANNELS: usize = 64;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Why a file gives no frames. Displays as a clause.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Error {
+pub enum Error {
     /// The system cannot read it.
     #[error("it cannot be read: {0}")]
     Read(#[from] io::Error),
@@ -52,9 +51,21 @@ pub(super) enum Error {
     /// A chunk cannot be unpacked.
     #[error("a chunk of the MCAP file cannot be unpacked: {0}")]
     Chunk(String),
+    /// It goes on behind its end.
+    #[error("bytes follow the end of the MCAP file: one file is accepted, not several in a row")]
+    GoesOn,
     /// It has other channels only.
     #[error("no channel of the MCAP file has frames of a bus: the schemas {SCHEMAS} are accepted")]
     NoFrames,
+}
+
+impl Error {
+    fn of(error: McapError) -> Self {
+        match error {
+            McapError::BytesAfterEndMagic => Self::GoesOn,
+            error => Self::Broken(error),
+        }
+    }
 }
 
 /// How the messages of a channel are written.
@@ -100,16 +111,16 @@ const fn yes() -> bool {
 
 /// Reads one file.
 #[derive(Default)]
-pub(super) struct Reader {
+pub struct Reader {
     schemas: BTreeMap<u16, String>,
-    /// How a channel is written, and its place in `topics`.
-    channels: BTreeMap<u16, (Coding, u8)>,
+    /// How a channel is written, and its place in `topics`; none if there are too many.
+    channels: BTreeMap<u16, (Coding, Option<u8>)>,
     topics: Vec<String>,
 }
 
 impl Reader {
     /// The topics with frames so far, in the order in which they came.
-    pub(super) fn topics(&self) -> &[String] {
+    pub fn topics(&self) -> &[String] {
         &self.topics
     }
 
@@ -117,18 +128,15 @@ impl Reader {
     ///
     /// # Errors
     /// It cannot be read, is broken, or no channel has frames.
-    pub(super) fn read(
-        &mut self,
-        input: &mut dyn Read,
-        each: &mut dyn FnMut(Item),
-    ) -> Result<(), Error> {
+    pub fn read(&mut self, input: &mut dyn Read, each: &mut dyn FnMut(Item)) -> Result<(), Error> {
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
             .with_validate_data_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(MOST);
         let mut reader = LinearReader::new_with_options(options);
         while let Some(event) = reader.next_event() {
-            match event? {
+            match event.map_err(Error::of)? {
                 LinearReadEvent::ReadRequest(wanted) => {
                     let count = input.read(reader.insert(wanted.clamp(1, PIECE)))?;
                     reader.notify_read(count);
@@ -166,15 +174,17 @@ impl Reader {
             Record::Channel(channel) => {
                 let schema = self.schemas.get(&channel.schema_id);
                 let coding = schema.and_then(|name| Coding::of(name, &channel.message_encoding));
-                if let Some(coding) = coding
-                    && let Some(place) = self.place(coding, &channel.topic)
-                {
+                if let Some(coding) = coding {
+                    let place = self.place(coding, &channel.topic);
                     self.channels.insert(channel.id, (coding, place));
                 }
             }
             Record::Message { header, data } => {
                 if let Some(&(coding, channel)) = self.channels.get(&header.channel_id) {
-                    each(item(coding, channel, header.log_time, &data));
+                    each(match channel {
+                        Some(channel) => item(coding, channel, header.log_time, &data),
+                        None => Item::Skipped(Skip::Interface),
+                    });
                 }
             }
             _ => {}
