@@ -27,6 +27,7 @@ mod angle;
 pub mod calibration;
 pub mod controller;
 mod covariance;
+pub mod demand;
 pub mod design;
 pub mod discretise;
 pub mod dubins;
