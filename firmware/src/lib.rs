@@ -12,7 +12,7 @@
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
-//! - [`rows`]: following the rows of a crop; [`takeover`]: guidance by them while there is no fix;
+//! - [`rows`]: following the rows of a crop; [`guide`]: guidance by them while there is no fix, or by a planner;
 //! - [`pulses`]: servo pulses of the right width, on any oscillator;
 //! - [`text`], [`display`], [`console`]: text for the operator;
 //! - [`housekeeping`]: watchdog, status messages, LED;
@@ -35,6 +35,7 @@ pub mod e2e;
 pub mod ends;
 pub mod event;
 pub mod guard;
+pub mod guide;
 pub mod housekeeping;
 pub mod leader;
 pub mod link;
@@ -49,7 +50,6 @@ pub mod rows;
 pub mod sbp;
 pub mod selftest;
 pub mod steering;
-pub mod takeover;
 pub mod text;
 mod vehicle;
 

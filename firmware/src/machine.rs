@@ -10,8 +10,8 @@ use control::feedback::Limits;
 use control::position::Position;
 
 use crate::actuator::Command;
+use crate::guide::Guidance;
 use crate::steering::Law;
-use crate::takeover::Guidance;
 
 /// The numbers of a machine with a steered front axle and a driven rear axle.
 pub trait Machine {
@@ -37,10 +37,10 @@ pub trait Machine {
     type Law: Law;
     /// Its own settings.
     const LAW: <Self::Law as Law>::Settings;
-    /// What guides a run while the receiver has no fix.
-    type Rows: Guidance;
+    /// What guides a run besides the path.
+    type Guide: Guidance;
     /// Its settings.
-    const ROWS: <Self::Rows as Guidance>::Settings;
+    const GUIDE: <Self::Guide as Guidance>::Settings;
 }
 
 /// A command to steering and drive, as a network's message carries it.

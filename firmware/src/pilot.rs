@@ -9,15 +9,14 @@ use control::mode::{self, Conditions, Mode, ModeMachine, Request, Source};
 use control::position::{Position, Velocity};
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety;
-use control::takeover::{Guide, TakeoverError};
 
 use crate::buttons::{Button, Buttons, Edge};
 use crate::console::PilotView;
 use crate::display::View;
+use crate::guide::{Guidance, GuideError, Known, Lead, Motion};
 use crate::machine::Machine;
 use crate::peers::Named;
 use crate::steering::Law as _;
-use crate::takeover::{Guidance as _, Known, Motion};
 use crate::{convert, design};
 
 /// Steps without a potentiometer reading that are tolerated while actuators move.
@@ -49,8 +48,8 @@ pub enum DesignError {
     Line(LineError),
     /// The settings.
     Settings(SettingsError),
-    /// The settings of the guidance by rows.
-    Rows(TakeoverError),
+    /// What guides a run besides the path.
+    Guide(GuideError),
 }
 
 /// Inputs of a step: from the bus and from the operator.
@@ -136,6 +135,8 @@ pub enum Reason {
     NoHeading,
     /// The joystick was moved in an autonomous run.
     Joystick,
+    /// The planner that led the run sends no commands any more.
+    NoCommands,
 }
 
 impl Reason {
@@ -169,6 +170,7 @@ impl Reason {
             Self::OffPath => "off the path",
             Self::NoHeading => "no heading",
             Self::Joystick => "joystick",
+            Self::NoCommands => "no commands",
         }
     }
 }
@@ -198,7 +200,7 @@ pub struct Decision {
 pub struct Pilot<M: Machine> {
     modes: ModeMachine,
     controller: M::Law,
-    rows: M::Rows,
+    guide: M::Guide,
     applied: safety::Command<f32>,
     control_input: f32,
     tracking: Tracking<f32>,
@@ -240,7 +242,7 @@ impl<M: Machine> Pilot<M> {
         Ok(Self {
             modes: ModeMachine::new(),
             controller,
-            rows: M::Rows::new(&M::ROWS, &M::SETTINGS).map_err(DesignError::Rows)?,
+            guide: M::Guide::new(&M::GUIDE, &M::SETTINGS).map_err(DesignError::Guide)?,
             applied: safety::Command::still(),
             control_input: 0.0,
             tracking: AT_REST,
@@ -318,13 +320,13 @@ impl<M: Machine> Pilot<M> {
             None => self.position_missing = self.position_missing.saturating_add(1),
         }
         self.fixed = inputs.fixed && self.position_missing < design::POSITION_PATIENCE;
-        let guide = self.rows.step(&Known {
+        let lead = self.guide.step(&Known {
             mode: self.modes.mode(),
             fixed: self.fixed,
             tracking: self.tracking,
             dt: M::PERIOD,
         });
-        let change = self.change_mode(inputs, buttons, guide);
+        let change = self.change_mode(inputs, buttons, lead);
         let mode = self.modes.mode();
         let applied = self.applied;
         let steering_angle = inputs
@@ -336,12 +338,13 @@ impl<M: Machine> Pilot<M> {
             velocity: inputs.velocity,
             steering_angle,
             applied: self.applied,
-            // Beside the rows the satellites' law has nothing to integrate.
-            engaged: mode.source() == Source::Law && guide != Guide::Rows,
+            // While another one leads, the law has nothing to integrate.
+            engaged: mode.source() == Source::Law && !by_other(lead),
             dt: M::PERIOD,
         });
         self.tracking = outcome.tracking;
-        self.finished = outcome.finished;
+        // A planner goes where it wants.
+        self.finished = outcome.finished && lead != Lead::Planner;
         self.applied = match mode.source() {
             Source::Law => {
                 let motion = Motion {
@@ -351,7 +354,7 @@ impl<M: Machine> Pilot<M> {
                     effectiveness: self.controller.effectiveness(),
                     dt: M::PERIOD,
                 };
-                match self.rows.drive(&motion) {
+                match self.guide.drive(&motion) {
                     Some(command) => {
                         // So the controller goes on from there when it takes over again.
                         self.controller.resume(command);
@@ -368,7 +371,7 @@ impl<M: Machine> Pilot<M> {
             applied,
             steering_angle,
             velocity: inputs.velocity,
-            cross_track: (guide != Guide::Rows).then_some(outcome.tracking.cross_track),
+            cross_track: (!by_other(lead)).then_some(outcome.tracking.cross_track),
             dt: M::PERIOD,
         });
         (self.decision(), change)
@@ -401,7 +404,7 @@ impl<M: Machine> Pilot<M> {
         }
     }
 
-    fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons, guide: Guide) -> Option<Change> {
+    fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons, lead: Lead) -> Option<Change> {
         let previous = self.modes.mode();
         let blind = self.pot_missing >= POT_PATIENCE;
         let mut request = core::mem::take(&mut self.request);
@@ -416,8 +419,8 @@ impl<M: Machine> Pilot<M> {
         }
         let departure = self.departure.filter(|_| previous == Mode::AutonomousRun);
         let sound = Conditions {
-            // Rows only go on with a run: they do not guide before it.
-            fixed_solution: (self.fixed && guide != Guide::Nothing) || guide == Guide::Rows,
+            // Rows only go on with a run: they do not lead before it.
+            fixed_solution: (self.fixed && lead != Lead::Nobody) || by_other(lead),
             stop_loop_open: buttons.is_pressed(Button::StopLoop),
             fault: false,
         };
@@ -456,6 +459,8 @@ impl<M: Machine> Pilot<M> {
             Reason::NodeFault
         } else if request != Request::None {
             self.request_reason
+        } else if lead == Lead::Nobody {
+            M::Guide::LOST
         } else {
             Reason::FixLost
         };
@@ -478,14 +483,14 @@ impl<M: Machine> Pilot<M> {
         self.joystick_moved >= JOYSTICK_STEPS
     }
 
-    /// What guides a run while there is no fix.
-    pub const fn rows(&self) -> &M::Rows {
-        &self.rows
+    /// What guides a run besides the path.
+    pub const fn guide(&self) -> &M::Guide {
+        &self.guide
     }
 
     /// The same, for its messages.
-    pub const fn rows_mut(&mut self) -> &mut M::Rows {
-        &mut self.rows
+    pub const fn guide_mut(&mut self) -> &mut M::Guide {
+        &mut self.guide
     }
 
     /// Steps so far; wraps.
@@ -537,6 +542,11 @@ impl<M: Machine> Pilot<M> {
     pub const fn mode(&self) -> Mode {
         self.modes.mode()
     }
+}
+
+/// Whether another one than the law leads.
+fn by_other(lead: Lead) -> bool {
+    matches!(lead, Lead::Rows | Lead::Planner)
 }
 
 /// Joystick to command: x steers and y drives, both proportionally.

@@ -26,8 +26,8 @@ pub const OVERRIDES: &str = "FURROW_SET";
 /// | `guarded.rs` | the nodes that the bus guardian guards; none if the manifest has no guardian |
 ///
 /// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
-/// configuration `event_triggered` where the nodes send at once, and `row_guidance` where rows guide a
-/// run without a fix. Reports an error in the folder in
+/// configuration `event_triggered` where the nodes send at once, `row_guidance` where rows guide a
+/// run without a fix, and `planner` where a planner may lead runs. Reports an error in the folder in
 /// one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
@@ -54,13 +54,18 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
-    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance)");
+    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner)");
     let vehicle = Vehicle::read_with(folder, &overrides()?)?;
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
     }
-    if let Some(file) = vehicle.network_supplement() {
+    if vehicle.manifest().guidance_by_rows().is_some() {
         println!("cargo::rustc-cfg=row_guidance");
+    }
+    if vehicle.manifest().leading_planner().is_some() {
+        println!("cargo::rustc-cfg=planner");
+    }
+    if let Some(file) = vehicle.network_supplement() {
         println!("cargo::rerun-if-changed={}", file.display());
     }
     let guardian = vehicle.manifest().guardian.as_ref();

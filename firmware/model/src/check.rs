@@ -8,7 +8,7 @@ use parts::Sled;
 
 use crate::manifest::{
     BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
-    DistanceSignals, Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover,
+    DistanceSignals, Machine, Manifest, Node, Planner, Protocol, Receiver, RegulatorWeights, Rover,
     RowGuidance, SelfTest, SignalPath, SteeringGains, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
@@ -49,6 +49,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     if let Some(rows) = &manifest.row_guidance {
         row_guidance(rows, manifest, network)?;
     }
+    if let Some(planner) = &manifest.planner {
+        self::planner(planner, manifest, network)?;
+    }
     if let Some(guardian) = &manifest.guardian {
         self::guardian(guardian, manifest, network)?;
     }
@@ -86,8 +89,12 @@ fn nodes(manifest: &Manifest, network: &Network) -> Result<(), String> {
     // A network file may also name programs on the bus: one that only listens, such as a logger,
     // or one that sends event messages, such as a tester. A window of its own would stay empty.
     let mut messages = network.messages.iter();
+    // The planner has no board, but it sends in each cycle.
+    let planner = manifest.leading_planner().map(|planner| &planner.name);
     let foreign = |message: &&Message| {
-        !names.contains(&message.sender) && !matches!(message.send_type, SendType::Event { .. })
+        !names.contains(&message.sender)
+            && planner != Some(&message.sender)
+            && !matches!(message.send_type, SendType::Event { .. })
     };
     match messages.find(foreign) {
         Some(Message { name, sender, .. }) => Err(format!(
@@ -668,18 +675,67 @@ fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> R
             "row_guidance.node needs distance-sensors, which it does not have in its wiring".into(),
         );
     }
-    if !rows.enabled {
-        return Ok(());
+    if rows.enabled {
+        named_values("row_guidance.guide", &rows.guide, network)?;
     }
-    let SignalPath { message, signal } = &rows.guide;
+    Ok(())
+}
+
+/// Checks that a signal exists whose values have names.
+fn named_values(key: &str, path: &SignalPath, network: &Network) -> Result<(), String> {
+    let SignalPath { message, signal } = path;
     let mut messages = network.messages.iter();
     let found = messages.find(|other| other.name == *message);
     let found = found.and_then(|message| message.signals.iter().find(|its| its.name == *signal));
     match found {
         Some(signal) if signal.values.is_some() => Ok(()),
         _ => Err(format!(
-            "row_guidance.guide: there is no signal {message}.{signal} with a value table"
+            "{key}: there is no signal {message}.{signal} with a value table"
         )),
+    }
+}
+
+/// Checks a planner, be it on or off.
+fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    if manifest.machine.is_none() {
+        return Err("[planner] needs a [machine], which the manifest does not have".into());
+    }
+    let cycle = f64::from(network.basic_cycle_us) * 1e-6;
+    within("planner.longest_age", planner.longest_age, 2.0 * cycle, 1.0)?;
+    let lateral = planner.lateral_acceleration;
+    within("planner.lateral_acceleration", lateral, 0.1, 10.0)?;
+    let Planner { name, command, .. } = planner;
+    if manifest.nodes.iter().any(|node| node.name == *name) {
+        return Err(format!(
+            "planner.name is {name:?}, which a node with a board has: another name is accepted"
+        ));
+    }
+    if !planner.enabled {
+        return Ok(());
+    }
+    if manifest.guidance_by_rows().is_some() {
+        return Err(
+            "row_guidance.enabled and planner.enabled: one of the two is accepted, which guides a run besides the path"
+                .into(),
+        );
+    }
+    named_values("planner.lead", &planner.lead, network)?;
+    let mut messages = network.messages.iter();
+    let Some(message) = messages.find(|other| other.name == *command) else {
+        return Err(format!("planner.command: there is no message {command:?}"));
+    };
+    if message.sender != *name {
+        return Err(format!(
+            "planner.command: {command:?} is a message of {:?}, not of planner.name, {name:?}",
+            message.sender
+        ));
+    }
+    let has = |signal: &str| message.signals.iter().any(|its| its.name == signal);
+    match ["Curvature", "Speed"].into_iter().find(|name| !has(name)) {
+        Some(missing) => Err(format!(
+            "planner.command: {command:?} has no signal {missing:?}"
+        )),
+        None => Ok(()),
     }
 }
 

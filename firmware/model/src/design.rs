@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use control::calibration::{self, Actuator};
 use control::controller::Settings;
+use control::demand::DemandSettings;
 use control::design::SteeringWeights;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
@@ -13,8 +14,8 @@ use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Receiver,
-    RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
+    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Manifest, Planner,
+    Receiver, RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
@@ -96,6 +97,14 @@ fn takeover(guidance: &RowGuidance) -> TakeoverSettings<f32> {
         take_back: single(guidance.take_back),
         half_width: single(guidance.rows.width) * 0.5,
         tolerance: single(guidance.rows.tolerance) * 0.5,
+    }
+}
+
+/// Settings of the law that obeys a planner.
+fn demands(planner: &Planner) -> DemandSettings<f32> {
+    DemandSettings {
+        longest_age: single(planner.longest_age),
+        lateral: single(planner.lateral_acceleration),
     }
 }
 
@@ -298,21 +307,15 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
             );
         }
         steering_law(&mut out, machine);
-        row_guidance(&mut out, machine, manifest.guidance_by_rows()).map_err(|error| {
-            VehicleError::Manifest {
-                file: vehicle.manifest_file(),
-                what: format!("row_guidance: {error}"),
-            }
+        let guide = guide(&mut out, machine, manifest).map_err(|error| VehicleError::Manifest {
+            file: vehicle.manifest_file(),
+            what: format!("row_guidance: {error}"),
         })?;
         out.push_str(IMPLEMENTATION);
-        let rows = match manifest.guidance_by_rows() {
-            Some(_) => "ByRows",
-            None => "Without",
-        };
-        let _ = writeln!(out, "    type Rows = ::firmware::takeover::{rows};");
+        let _ = writeln!(out, "    type Guide = ::firmware::guide::{guide};");
         let _ = writeln!(
             out,
-            "    const ROWS: <Self::Rows as ::firmware::takeover::Guidance>::Settings = ROWS;"
+            "    const GUIDE: <Self::Guide as ::firmware::guide::Guidance>::Settings = GUIDE;"
         );
         let period = vehicle.network().basic_cycle_us as f32 * 1e-6;
         // Writing to a string cannot fail.
@@ -343,21 +346,32 @@ fn steering_law(out: &mut String, machine: &Machine) {
     );
 }
 
+/// The settings of what guides a run besides the path. Returns its type.
+///
 /// # Errors
 /// No estimator can be made of the numbers of the rows.
-fn row_guidance(
+fn guide(
     out: &mut String,
     machine: &Machine,
-    guidance: Option<&RowGuidance>,
-) -> Result<(), RowSettingsError> {
-    let Some(guidance) = guidance else {
-        constant(out, "Rows guide no run.", "ROWS: ()", "()");
-        return Ok(());
+    manifest: &Manifest,
+) -> Result<&'static str, RowSettingsError> {
+    if let Some(planner) = manifest.leading_planner() {
+        constant(
+            out,
+            "When and how a planner leads a run.",
+            "GUIDE: ::control::demand::DemandSettings<f32>",
+            &format!("::control::demand::{:#?}", demands(planner)),
+        );
+        return Ok("ByPlanner");
+    }
+    let Some(guidance) = manifest.guidance_by_rows() else {
+        constant(out, "The path alone guides a run.", "GUIDE: ()", "()");
+        return Ok("Without");
     };
     constant(
         out,
         "When and how rows guide a run.",
-        "ROWS: ::control::takeover::TakeoverSettings<f32>",
+        "GUIDE: ::control::takeover::TakeoverSettings<f32>",
         &format!("::control::takeover::{:#?}", takeover(guidance)),
     );
     let settings = RowSettings::<f32>::for_robot(&between_rows(machine, guidance))?;
@@ -367,7 +381,7 @@ fn row_guidance(
         "ROW_WATCH: ::control::row::RowSettings<f32>",
         &row::source(&settings).to_string(),
     );
-    Ok(())
+    Ok("ByRows")
 }
 
 /// The Rust source of which nodes the bus guardian guards.

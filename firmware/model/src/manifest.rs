@@ -47,6 +47,8 @@ pub struct Manifest {
     /// Guidance of a machine by the rows of a crop while the receiver has no fix; `None` if it is not
     /// meant for that.
     pub row_guidance: Option<RowGuidance>,
+    /// A planner that may lead runs; `None` if the vehicle is not meant to have one.
+    pub planner: Option<Planner>,
     /// The bus guardian; `None` if the vehicle is not meant to have one.
     pub guardian: Option<BusGuardian>,
     /// The satellite receiver; needed when one is wired.
@@ -75,6 +77,26 @@ impl Manifest {
     #[must_use]
     pub fn guidance_by_rows(&self) -> Option<&RowGuidance> {
         self.row_guidance.as_ref().filter(|rows| rows.enabled)
+    }
+
+    /// The planner, if it is on.
+    #[must_use]
+    pub fn leading_planner(&self) -> Option<&Planner> {
+        self.planner.as_ref().filter(|planner| planner.enabled)
+    }
+
+    /// The name of a node whose messages stand in the file of its name with the ending `dbc`, if one is on.
+    pub(crate) fn supplement(&self) -> Option<&str> {
+        let rows = self.guidance_by_rows().map(|rows| &rows.node.name);
+        let planner = self.leading_planner().map(|planner| &planner.name);
+        rows.or(planner).map(String::as_str)
+    }
+
+    /// The signal that says what guides the vehicle beside its path, if something else may.
+    #[must_use]
+    pub fn guide_signal(&self) -> Option<&SignalPath> {
+        let rows = self.guidance_by_rows().map(|rows| &rows.guide);
+        rows.or(self.leading_planner().map(|planner| &planner.lead))
     }
 
     /// The bus guardian, if it is on.
@@ -691,6 +713,27 @@ pub struct RowGuidance {
     pub sensors: DistanceSensors,
     /// The rows.
     pub rows: CropRows,
+}
+
+/// A computer above the control layer that may lead autonomous runs: it sends a curvature and a speed in each basic
+/// cycle (thesis 5.2.5). It has no image, but its messages and their windows stand in the file of its name with the
+/// ending `dbc`. While it is off, its messages are not in the schedule and nobody obeys them.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Planner {
+    /// Whether it is on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// Its name, that of its node in the network file.
+    pub name: String,
+    /// Its message, with the signals `Curvature` (1/m, positive to the right) and `Speed` (m/s or a part of that).
+    pub command: String,
+    /// The signal that says who leads a run.
+    pub lead: SignalPath,
+    /// Longest age of its last command, two basic cycles to 1 s; then the vehicle stops.
+    pub longest_age: Time,
+    /// Largest lateral acceleration, 0.1 to 10 m/s2: in turns the vehicle drives slower than commanded.
+    pub lateral_acceleration: Acceleration,
 }
 
 /// A bus guardian on a board of its own, which keeps a node that babbles off the bus

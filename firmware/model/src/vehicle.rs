@@ -382,8 +382,8 @@ fn refused(folder: &Path, overrides: &Overrides, what: String) -> VehicleError {
 }
 
 fn network_supplement(folder: &Path, manifest: &Manifest) -> Option<PathBuf> {
-    let rows = manifest.guidance_by_rows()?;
-    Some(folder.join(format!("{}.dbc", rows.node.name)))
+    let node = manifest.supplement()?;
+    Some(folder.join(format!("{node}.dbc")))
 }
 
 /// The text of the network file with what a switched-on node adds to it.

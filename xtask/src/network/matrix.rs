@@ -36,15 +36,12 @@ impl Matrix {
         Self {
             windows: all,
             mode: vehicle.manifest().mode.clone(),
-            guide: vehicle
-                .manifest()
-                .guidance_by_rows()
-                .map(|rows| ModeSignal {
-                    message: rows.guide.message.clone(),
-                    signal: rows.guide.signal.clone(),
-                    // No mode of its own.
-                    autonomous: String::new(),
-                }),
+            guide: vehicle.manifest().guide_signal().map(|guide| ModeSignal {
+                message: guide.message.clone(),
+                signal: guide.signal.clone(),
+                // No mode of its own.
+                autonomous: String::new(),
+            }),
             network,
         }
     }

@@ -13,7 +13,7 @@ use world::{
 };
 
 use parts::Sled;
-use vehicle_model::{Override, Overrides, Protocol, Vehicle};
+use vehicle_model::{Device, NodeIndex, Override, Overrides, Protocol, Vehicle};
 
 use crate::{
     Failure, Workspace, board, build,
@@ -258,6 +258,11 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
             steps.push(Step::new(format!("{}, {name}", what.join(" and ")), work));
         }
     }
+    let uagv = vehicle::find(workspace, vehicle::DEFAULT)?;
+    if options.long && has_planner(&uagv) {
+        let work = Work::SwitchedOn(uagv.name().to_owned(), vec![PLANNER]);
+        steps.push(Step::new("planner, uagv", work));
+    }
     steps.extend([
         Step::new(
             "documentation, host",
@@ -386,15 +391,41 @@ fn switched_on(
     for Switch { set, .. } in switches(vehicle) {
         let on = with_values(workspace, vehicle.name(), &[set])?;
         // The node that the value adds is the last one.
-        let Some(node) = on.nodes().last() else {
-            continue;
-        };
-        let mut cargo = build::with_features(target::cargo(workspace, command), &on, node)?;
-        cargo.args(rest);
-        cargo.env("RUSTDOCFLAGS", "--deny warnings");
-        commands.push(cargo);
+        commands.extend(with_node(workspace, &on, on.nodes().last(), command, rest)?);
+    }
+    if has_planner(vehicle) {
+        // It adds no node: the one that the operator commands obeys it.
+        let on = with_values(workspace, vehicle.name(), &[PLANNER])?;
+        let node = on.node_of(Device::OperatorSwitches);
+        commands.extend(with_node(workspace, &on, node, command, rest)?);
     }
     Ok(commands)
+}
+
+/// A command of cargo on what has the board of a node of a vehicle.
+fn with_node(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    node: Option<NodeIndex>,
+    command: &str,
+    rest: &[&str],
+) -> Result<Option<Command>, Failure> {
+    let Some(node) = node else {
+        return Ok(None);
+    };
+    let mut cargo = build::with_features(target::cargo(workspace, command), vehicle, node)?;
+    cargo.args(rest);
+    cargo.env("RUSTDOCFLAGS", "--deny warnings");
+    Ok(Some(cargo))
+}
+
+/// The value that lets a planner lead runs.
+const PLANNER: &str = "planner.enabled=true";
+
+/// Whether a vehicle has a planner that is off.
+fn has_planner(vehicle: &Vehicle) -> bool {
+    let planner = vehicle.manifest().planner.as_ref();
+    planner.is_some_and(|planner| !planner.enabled)
 }
 
 /// A node that is off in a vehicle's manifest.

@@ -54,7 +54,7 @@ mod app {
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
     use uagv::wire::{self, Record};
-    use uagv::{Link, Pilot, Stack, identity, peers, rows};
+    use uagv::{Link, Pilot, Stack, guide, identity, peers};
 
     /// What the control step works on. One resource, because each lock costs the step time.
     pub struct Driving {
@@ -119,7 +119,7 @@ mod app {
         let (Some(operator), Ok(mut pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
-        rows::set_secret(&mut pilot, start.secret);
+        guide::set_secret(&mut pilot, start.secret);
         link.release_in(BASIC_CYCLE);
         let _ = housekeeping::spawn();
         (
@@ -210,10 +210,10 @@ mod app {
     fn control(cx: control::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
         let (mut inputs, frame, time) =
-            link.lock(|link| (wire::inputs(link), rows::take(link), link.cycle_began()));
+            link.lock(|link| (wire::inputs(link), guide::take(link), link.cycle_began()));
         let command = driving.lock(|driving| {
             inputs.joystick = driving.axes;
-            rows::see(&mut driving.pilot, frame, time);
+            guide::see(&mut driving.pilot, frame, time);
             let (decision, change) = driving.pilot.step(&inputs, &driving.buttons);
             if change.is_some() {
                 driving.change = change;
@@ -230,9 +230,9 @@ mod app {
     #[task(binds = EXTI4, priority = 4, shared = [link, driving], local = [mode_events])]
     fn record(cx: record::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
-        let (decision, change, guide) = driving.lock(|driving| {
+        let (decision, change, told) = driving.lock(|driving| {
             let pilot = &driving.pilot;
-            (pilot.decision(), driving.change.take(), rows::log(pilot))
+            (pilot.decision(), driving.change.take(), guide::log(pilot))
         });
         // A section of its own, because it blocks the interrupts of the bus.
         let peers = link.lock(|link| peers::of(link));
@@ -242,7 +242,7 @@ mod app {
             link.put(window::LOG_MOTION, record.motion);
             link.put(window::LOG_GUIDANCE, record.guidance);
             link.put(window::LOG_CONTROL, record.control);
-            rows::put(link, guide, &peers);
+            guide::put(link, told, &peers);
         });
         if let Some(change) = change {
             *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);

@@ -29,13 +29,20 @@ mod geodetic;
 pub mod guarded {
     include!(concat!(env!("OUT_DIR"), "/guarded.rs"));
 }
+#[cfg(not(any(row_guidance, planner)))]
+#[path = "no_guide.rs"]
+pub mod guide;
 pub mod peers;
+#[cfg(planner)]
+pub mod planner;
 #[cfg(row_guidance)]
 pub mod rows;
-#[cfg(not(row_guidance))]
-#[path = "no_rows.rs"]
-pub mod rows;
 pub mod wire;
+
+#[cfg(planner)]
+pub use planner as guide;
+#[cfg(row_guidance)]
+pub use rows as guide;
 
 /// The machine.
 pub use design::Machine as Uagv;

@@ -88,13 +88,13 @@ pub fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
 
 /// Gives the pilot the secret of the node, by which it knows true frames.
 pub fn set_secret(pilot: &mut Pilot, secret: Secret) {
-    pilot.rows_mut().set_secret(secret);
+    pilot.guide_mut().set_secret(secret);
 }
 
 /// Shows it to the pilot, in the basic cycle that began at system time `time` (ms).
 pub fn see(pilot: &mut Pilot, frame: Option<Frame>, time: u32) {
     let data = frame.as_ref().map(Frame::data);
-    pilot.rows_mut().see::<RowOffset>(data, time, |data| {
+    pilot.guide_mut().see::<RowOffset>(data, time, |data| {
         RowOffset::decode(data)
             .ok()
             .map(|message| sighting(&message))
@@ -103,7 +103,7 @@ pub fn see(pilot: &mut Pilot, frame: Option<Frame>, time: u32) {
 
 /// The message that says what guides the run.
 pub fn log(pilot: &Pilot) -> RowGuidance {
-    let takeover = pilot.rows().takeover();
+    let takeover = pilot.guide().takeover();
     let (place, rest) = takeover.place();
     RowGuidance {
         guide: match takeover.guide() {

@@ -256,6 +256,7 @@ pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange 
             Reason::OffPath => named::ModeReason::OffPath,
             Reason::NoHeading => named::ModeReason::NoHeading,
             Reason::Joystick => named::ModeReason::Joystick,
+            Reason::NoCommands => named::ModeReason::NoCommands,
         },
         counter,
         system_time: Milliseconds(time),

@@ -9,10 +9,10 @@ use control::row::RowPose;
 use control::takeover::{Guide, Presence, RowSighting, TakeoverSettings};
 use firmware::buttons::{Button, Buttons, Edge};
 use firmware::e2e;
+use firmware::guide::ByRows;
 use firmware::machine::Machine;
 use firmware::pilot::{Decision, Inputs, Pilot, Reason};
 use firmware::steering::Furrow;
-use firmware::takeover::ByRows;
 use uagv::Uagv;
 // Any protected message in place of that of the rows node, which this network does not have.
 use uagv::messages::Command as Protected;
@@ -32,8 +32,8 @@ impl Machine for Rows {
     const SETTINGS: Settings<f32> = Uagv::SETTINGS;
     type Law = Furrow;
     const LAW: () = ();
-    type Rows = ByRows;
-    const ROWS: TakeoverSettings<f32> = TakeoverSettings {
+    type Guide = ByRows;
+    const GUIDE: TakeoverSettings<f32> = TakeoverSettings {
         speed: 0.5,
         longest_age: 0.3,
         longest_way: 20.0,
@@ -103,7 +103,7 @@ impl Drive {
     }
 
     fn guide(&self) -> Guide {
-        self.pilot.rows().takeover().guide()
+        self.pilot.guide().takeover().guide()
     }
 
     fn step(&mut self) -> (Decision, Option<Reason>) {
@@ -114,7 +114,7 @@ impl Drive {
         let frame = (self.spoil)(data);
         let data = frame.as_ref().map(<[u8; 8]>::as_slice);
         self.pilot
-            .rows_mut()
+            .guide_mut()
             .see::<Protected>(data, self.time, |_| {
                 Some(RowSighting {
                     presence: Presence::Following,

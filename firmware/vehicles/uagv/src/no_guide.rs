@@ -1,4 +1,4 @@
-//! No rows guide a run: what the controller does for them is nothing.
+//! Nothing but the path guides a run: what the controller does for another guide is nothing.
 
 use firmware::e2e::Secret;
 use firmware::link::{Link, Port, WindowTimer};
