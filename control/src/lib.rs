@@ -25,6 +25,7 @@ pub use nalgebra;
 pub mod analysis;
 mod angle;
 pub mod calibration;
+pub mod clothoid;
 pub mod controller;
 mod covariance;
 pub mod design;
