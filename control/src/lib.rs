@@ -45,6 +45,7 @@ pub mod mpc;
 pub mod path;
 pub mod plain;
 pub mod position;
+pub mod reeds_shepp;
 pub mod response;
 pub mod route;
 pub mod row;
