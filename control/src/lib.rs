@@ -33,6 +33,7 @@ pub mod discretise;
 pub mod dubins;
 pub mod estimator;
 pub mod feedback;
+pub mod fence;
 pub mod guidance;
 pub mod hold;
 pub mod kalman;
@@ -53,6 +54,7 @@ pub mod safety;
 pub mod scalar;
 pub mod schedule;
 pub mod takeover;
+pub mod turn;
 pub mod vehicle;
 
 /// The examples of the README, as tests.
