@@ -40,6 +40,7 @@ pub mod kalman;
 pub mod line;
 pub mod linear;
 pub mod lqr;
+pub mod mission;
 pub mod mode;
 pub mod model;
 pub mod mpc;

@@ -214,7 +214,7 @@ impl<T: Scalar> TurnSettings<T> {
         }
     }
 
-    fn is_usable(&self) -> bool {
+    pub(crate) fn is_usable(&self) -> bool {
         let positive = |value: T| value.is_finite() && value > T::zero();
         let way = |value: T| value.is_finite() && value >= T::zero();
         positive(self.curvature)

@@ -1,0 +1,310 @@
+//! The part of a mission's path that lies about the vehicle.
+
+use super::pace::Pace;
+use crate::path::{Place, Progress, Segment};
+use crate::position::Position;
+use crate::route::{Bend, Route};
+use crate::scalar::Scalar;
+
+/// Largest number of pieces in a window: three that have been driven, the current one, a turn of
+/// eleven parts, and the leg behind it.
+pub const WINDOW: usize = 16;
+
+/// Pieces behind the current one that are kept, because an implement may still be on them.
+const BEHIND: usize = 3;
+
+/// The vehicle counts as arrived at a stop this far before it, m.
+const ARRIVED: f64 = 0.005;
+
+/// What a piece is for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Purpose {
+    /// A leg of the mission.
+    #[default]
+    Leg,
+    /// The turn behind a leg.
+    Turn,
+}
+
+/// A piece of a mission's path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Piece<T> {
+    /// The segment. Its heading is the direction of travel.
+    pub segment: Segment<T>,
+    /// The leg that it is, or behind which it is a turn.
+    pub leg: usize,
+    /// Leg or turn.
+    pub purpose: Purpose,
+    /// Distance along the leg or the turn at its beginning, m.
+    pub from: T,
+    /// Largest speed on it, m/s.
+    pub speed: T,
+    /// True if the vehicle drives it backwards.
+    pub reverse: bool,
+    /// Sections of the implement that are on.
+    pub outputs: u8,
+    /// True if the mission ends with it.
+    pub last: bool,
+}
+
+/// Where the vehicle is in its mission.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Whereabouts<T> {
+    /// The leg, counted from zero; during a turn the one before it.
+    pub leg: usize,
+    /// Leg or turn.
+    pub purpose: Purpose,
+    /// Distance along the leg or the turn, m.
+    pub along: T,
+}
+
+/// A ring of the pieces about the vehicle. Pieces are numbered from the beginning of the mission,
+/// as [`Progress::segment`] counts them.
+#[derive(Clone, Copy, Debug)]
+pub struct Window<T> {
+    origin: Position,
+    pace: Pace<T>,
+    pieces: [Piece<T>; WINDOW],
+    /// Number of the oldest piece.
+    first: usize,
+    count: usize,
+    paused: bool,
+}
+
+impl<T: Scalar> Window<T> {
+    /// A window without pieces, in which the vehicle stands.
+    #[must_use]
+    pub fn new(origin: Position, pace: Pace<T>) -> Self {
+        let zero = T::zero();
+        Self {
+            origin,
+            pace,
+            pieces: [Piece {
+                segment: Segment {
+                    start: crate::dubins::Pose {
+                        north: zero,
+                        east: zero,
+                        heading: zero,
+                    },
+                    curvature: zero,
+                    sharpness: zero,
+                    length: zero,
+                },
+                leg: 0,
+                purpose: Purpose::Leg,
+                from: zero,
+                speed: zero,
+                reverse: false,
+                outputs: 0,
+                last: false,
+            }; WINDOW],
+            first: 0,
+            count: 0,
+            paused: false,
+        }
+    }
+
+    /// Drops the pieces that lie behind, when the vehicle is on piece `current`. Returns for how many
+    /// more there is room.
+    pub fn retire(&mut self, current: usize) -> usize {
+        let keep = current.saturating_sub(BEHIND);
+        let drop = keep.saturating_sub(self.first).min(self.count);
+        self.first += drop;
+        self.count -= drop;
+        WINDOW - self.count
+    }
+
+    /// Adds a piece behind the last one. False, and nothing added, if there is no room.
+    pub fn push(&mut self, piece: Piece<T>) -> bool {
+        if self.count >= WINDOW {
+            return false;
+        }
+        let number = self.first + self.count;
+        if let Some(slot) = self.pieces.get_mut(number % WINDOW) {
+            *slot = piece;
+            self.count += 1;
+        }
+        true
+    }
+
+    /// A piece by its number, if it is in the window.
+    #[must_use]
+    pub fn piece(&self, number: usize) -> Option<&Piece<T>> {
+        let inside = number >= self.first && number - self.first < self.count;
+        self.pieces.get(number % WINDOW).filter(|_| inside)
+    }
+
+    /// Numbers of the pieces in the window.
+    #[must_use]
+    pub fn numbers(&self) -> core::ops::Range<usize> {
+        self.first..self.first + self.count
+    }
+
+    /// Lets the vehicle stop, with all sections off, until [`Self::resume`].
+    pub fn pause(&mut self) {
+        self.paused = true;
+    }
+
+    /// Lets the vehicle drive on.
+    pub fn resume(&mut self) {
+        self.paused = false;
+    }
+
+    /// True between [`Self::pause`] and [`Self::resume`].
+    #[must_use]
+    pub fn is_paused(&self) -> bool {
+        self.paused
+    }
+
+    /// Where in its mission the vehicle is; `None` while the window is empty.
+    #[must_use]
+    pub fn whereabouts(&self, progress: &Progress<T>) -> Option<Whereabouts<T>> {
+        let piece = self.piece(progress.segment)?;
+        Some(Whereabouts {
+            leg: piece.leg,
+            purpose: piece.purpose,
+            along: piece.from + progress.along,
+        })
+    }
+
+    /// True if the direction of driving changes behind piece `number`.
+    fn turns_back(&self, number: usize) -> bool {
+        match (self.piece(number), self.piece(number + 1)) {
+            (Some(piece), Some(next)) => piece.reverse != next.reverse,
+            _ => false,
+        }
+    }
+
+    /// Curvature (1/m) in the direction of travel, `along` metres along piece `number`. It is that of
+    /// the end from there on where the direction changes, or where the window ends.
+    fn curvature(&self, number: usize, along: T) -> T {
+        let mut along = along;
+        let mut curvature = T::zero();
+        // loop-bound: 16. A window has up to WINDOW pieces.
+        for number in number..self.numbers().end {
+            let Some(piece) = self.piece(number) else {
+                break;
+            };
+            curvature = piece.segment.curvature_at(along);
+            if !(along > piece.segment.length) || self.turns_back(number) {
+                break;
+            }
+            along -= piece.segment.length;
+        }
+        curvature
+    }
+
+    /// The largest speed (m/s) at `progress`, from the limits of this piece and of those ahead, when
+    /// the vehicle drives at `speed` (m/s).
+    fn allowed(&self, progress: &Progress<T>, speed: T) -> T {
+        let zero = T::zero();
+        let Some(current) = self.piece(progress.segment) else {
+            return zero;
+        };
+        let mut allowed = current.speed;
+        let mut distance = current.segment.length - progress.along;
+        // loop-bound: 16. A window has up to WINDOW pieces.
+        for number in progress.segment..self.numbers().end {
+            let next = self.piece(number + 1);
+            let stops = next.is_none() || self.turns_back(number);
+            let limit = match next {
+                Some(next) if !stops => next.speed,
+                _ => zero,
+            };
+            let most = self.pace.before(limit, distance, speed);
+            if most < allowed {
+                allowed = most;
+            }
+            match next {
+                Some(next) if !stops => distance += next.segment.length,
+                _ => break,
+            }
+        }
+        if allowed >= self.pace.creep {
+            allowed
+        } else if distance > zero {
+            // The last centimetres before a stop.
+            if current.speed < self.pace.creep {
+                current.speed
+            } else {
+                self.pace.creep
+            }
+        } else {
+            zero
+        }
+    }
+}
+
+impl<T: Scalar> Route<T> for Window<T> {
+    fn origin(&self) -> Position {
+        self.origin
+    }
+
+    fn advance(&self, progress: &mut Progress<T>, north: T, east: T) -> Place<T> {
+        let zero = T::zero();
+        let Some(mut piece) = self.piece(progress.segment) else {
+            return Place {
+                along: zero,
+                cross_track: zero,
+                bearing: zero,
+            };
+        };
+        let mut place = piece.segment.locate(north, east, progress.along);
+        // loop-bound: 16. A window has up to WINDOW pieces.
+        for _ in 0..WINDOW {
+            let Some(next) = self.piece(progress.segment + 1) else {
+                break;
+            };
+            let end = if next.reverse == piece.reverse {
+                piece.segment.length
+            } else {
+                piece.segment.length - T::lit(ARRIVED)
+            };
+            if !(place.along > end) {
+                break;
+            }
+            progress.segment += 1;
+            piece = next;
+            place = piece.segment.locate(north, east, zero);
+        }
+        progress.finished = piece.last && place.along > piece.segment.length - T::lit(ARRIVED);
+        progress.along = place.along;
+        place
+    }
+
+    /// The curvature of a mission's path has no jumps that a steering could not follow, so nothing
+    /// is averaged.
+    fn bend(&self, progress: &Progress<T>, ahead: T, _: T) -> Bend<T> {
+        let &Progress { segment, along, .. } = progress;
+        Bend {
+            turn: T::zero(),
+            curvature: self.curvature(segment, along),
+            curvature_ahead: self.curvature(segment, along + ahead),
+        }
+    }
+
+    fn is_ready(&self, progress: &Progress<T>) -> bool {
+        self.piece(progress.segment).is_some()
+    }
+
+    fn reverse(&self, progress: &Progress<T>) -> bool {
+        self.piece(progress.segment)
+            .is_some_and(|piece| piece.reverse)
+    }
+
+    fn speed(&self, progress: &Progress<T>, speed: T) -> Option<T> {
+        let allowed = self.allowed(progress, speed);
+        if !self.paused {
+            return Some(allowed);
+        }
+        // Slower by what the drive does in its lag.
+        let slower = speed - self.pace.deceleration * self.pace.reaction;
+        Some(if !(slower > self.pace.creep) {
+            T::zero()
+        } else if slower < allowed {
+            slower
+        } else {
+            allowed
+        })
+    }
+}
