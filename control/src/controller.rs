@@ -564,6 +564,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let rate = self
             .hold
             .rate(&self.settings.hold, error, target.follow, dt);
+        let rate = rate + self.feed_forward(&deviation, dt);
         // A vehicle that still rolls the other way is stopped first.
         let speed = if planned.is_some() && travel < -T::lit(STANDING) {
             T::zero()
@@ -574,6 +575,17 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             steering_rate: self.travelled(rate / effectiveness),
             speed: self.travelled(speed),
         })
+    }
+
+    /// Steering rate (rad/s) with which the wheels follow the curvature of the route over the
+    /// next `dt` (s), if they can.
+    fn feed_forward(&self, at: &Deviation<T>, dt: T) -> T {
+        match self.route.next_curvature(&self.progress, at.speed * dt) {
+            Some(next) if next != at.curvature => {
+                (self.guidance.angle_for(next) - self.guidance.angle_for(at.curvature)) / dt
+            }
+            _ => T::zero(),
+        }
     }
 
     fn deviation(&self, tracking: &Tracking<T>, sine: T, effectiveness: T) -> Deviation<T> {

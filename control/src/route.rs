@@ -33,6 +33,13 @@ pub trait Route<T: Scalar> {
     /// that the vehicle drives while it travels to a swing's angle.
     fn bend(&self, progress: &Progress<T>, ahead: T, way: T) -> Bend<T>;
 
+    /// Curvature (1/m) `way` metres ahead of `progress`, if a steering of limited rate can follow the
+    /// route's curvature exactly. The law then moves the steering with it, and
+    /// [`Bend::curvature_ahead`] is the curvature beside the vehicle.
+    fn next_curvature(&self, _progress: &Progress<T>, _way: T) -> Option<T> {
+        None
+    }
+
     /// False while the route is not known at `progress`. The vehicle then stands.
     fn is_ready(&self, _progress: &Progress<T>) -> bool {
         true

@@ -395,6 +395,7 @@ proptest! {
         let window = window(&pieces);
         let along = along * pieces[0].segment.length;
         let found = window.speed(&at(0, along), speed).unwrap();
+        prop_assert!(found <= (speed + 0.15).max(0.1) + 1e-9);
         let pace = Pace::of_drive(0.3);
         let mut distance = pieces[0].segment.length - along;
         prop_assert!(found <= pieces[0].speed && found >= 0.0);
@@ -415,7 +416,7 @@ proptest! {
 #[test]
 fn stops_are_reached() {
     let window = window(&[piece(1.0, 10.0, false, 0), piece(0.5, 3.0, true, 0)]);
-    assert_eq!(window.speed(&at(0, 2.0), 1.0), Some(1.0));
+    assert_eq!(window.speed(&at(0, 2.0), 0.95), Some(1.0));
     let near = window.speed(&at(0, 9.9), 0.1).unwrap();
     assert!((0.1..0.3).contains(&near), "{near}");
     assert_eq!(window.speed(&at(0, 10.01), 0.1), Some(0.0));
@@ -443,21 +444,42 @@ fn a_pause_stops_gently() {
     assert!((4..20).contains(&steps), "{steps}");
     assert_eq!(outputs.step(&window, &at(0, 5.0), 1.0, 0.1).now, 0);
     window.resume();
-    assert_eq!(window.speed(&at(0, 5.0), 0.0), Some(1.0));
+    // And it drives on gently.
+    let mut steps = 0;
+    while speed < 1.0 {
+        let next = window.speed(&at(0, 5.0), speed).unwrap();
+        assert!(next > speed && next <= speed + 0.151);
+        speed = next;
+        steps += 1;
+    }
+    assert!((4..20).contains(&steps), "{steps}");
+}
+
+/// The way that a section moves in its delay is predicted with the speeds that lie ahead.
+#[test]
+fn the_way_in_a_delay_is_predicted() {
+    let window = window(&[piece(1.0, 10.0, false, 0), piece(1.0, 3.0, true, 0)]);
+    let constant = window.predict(&at(0, 2.0), 1.0, 0.6);
+    assert!((constant - 0.6).abs() < 1e-9, "{constant}");
+    // From standstill at 0.5 m/s^2, and down to the stop.
+    let begins = window.predict(&at(0, 2.0), 0.0, 1.0);
+    assert!((0.15..0.25).contains(&begins), "{begins}");
+    let stops = window.predict(&at(0, 9.2), 1.0, 1.0);
+    assert!((0.5..0.8).contains(&stops), "{stops}");
 }
 
 /// A vehicle at constant speed: each section changes at its border, in front of it by its delay,
 /// and where the section is.
 #[test]
 fn sections_change_at_borders() {
-    let mut pieces = [
-        piece(2.0, 5.0, false, 0),
-        piece(2.0, 7.3, false, 1),
-        piece(2.0, 4.1, false, 0b11),
-        piece(2.0, 6.0, false, 0),
-        piece(2.0, 3.0, false, 0b10),
+    let pieces = [
+        piece(1.7, 5.0, false, 0),
+        piece(1.7, 7.3, false, 1),
+        piece(1.7, 4.1, false, 0b11),
+        piece(1.7, 6.0, false, 0),
+        piece(1.7, 3.0, false, 0b10),
+        piece(1.7, 30.0, false, 0),
     ];
-    pieces[4].last = true;
     let window = window(&pieces);
     let section = Section {
         on_delay: 0.4,
@@ -472,7 +494,7 @@ fn sections_change_at_borders() {
     while along < 30.0 {
         let mut segment = 0;
         let mut rest = along;
-        while segment < 4 && rest > pieces[segment].segment.length {
+        while segment < 5 && rest > pieces[segment].segment.length {
             rest -= pieces[segment].segment.length;
             segment += 1;
         }
@@ -507,4 +529,13 @@ fn sections_change_at_borders() {
         assert_eq!((found.0, found.1), (known.0, known.1));
         assert!((found.2 - known.2).abs() < 1e-9, "{found:?}, {known:?}");
     }
+    // Nothing stays on at the end of a mission.
+    let mut outputs = Outputs::new([section; 8]);
+    outputs.step(&window, &at(1, 3.0), speed, period);
+    assert_ne!(outputs.state(), 0);
+    let end = Progress {
+        finished: true,
+        ..at(1, 3.1)
+    };
+    assert_eq!(outputs.step(&window, &end, 0.0, period).now, 0);
 }

@@ -56,8 +56,9 @@ impl<T: Scalar> Outputs<T> {
     }
 
     /// Decides for the next `period` (s), when the vehicle is at `progress` in `window` and travels at
-    /// `speed` (m/s, positive in the direction of travel). While the mission is paused, all
-    /// sections are off.
+    /// `speed` (m/s, positive in the direction of travel). The way in a section's delay is predicted
+    /// with the speeds of the mission. While the mission is paused, and at its end, all sections
+    /// are off.
     pub fn step(
         &mut self,
         window: &Window<T>,
@@ -66,7 +67,7 @@ impl<T: Scalar> Outputs<T> {
         period: T,
     ) -> Switching<T> {
         let mut later = [None; SECTIONS];
-        if window.is_paused() || window.piece(progress.segment).is_none() {
+        if window.is_paused() || progress.finished || window.piece(progress.segment).is_none() {
             self.state = 0;
             self.since = [0; SECTIONS];
             return Switching { now: 0, later };
@@ -89,13 +90,20 @@ impl<T: Scalar> Outputs<T> {
             } else {
                 section.on_delay
             };
-            let way = distance - speed * delay;
-            if !(way > T::zero()) {
-                now ^= mask;
-            } else if way < speed * period {
-                *later = Some(way / speed);
-            } else {
+            // No prediction for a border that is out of reach.
+            let longest = delay + period;
+            if distance > (speed.abs() + window.pace().acceleration * longest) * longest {
                 continue;
+            }
+            let reached = window.predict(progress, speed, delay);
+            if distance <= reached {
+                now ^= mask;
+            } else {
+                let after = window.predict(progress, speed, longest);
+                if !(distance < after) {
+                    continue;
+                }
+                *later = Some(period * (distance - reached) / (after - reached));
             }
             end ^= mask;
             *since = piece;

@@ -5,11 +5,13 @@ use crate::scalar::Scalar;
 /// Accelerations of a mission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace<T> {
+    /// Acceleration, m/s^2, positive.
+    pub acceleration: T,
     /// Deceleration ahead of slower parts and stops, m/s^2, positive.
     pub deceleration: T,
     /// Largest lateral acceleration, m/s^2, positive.
     pub lateral: T,
-    /// Time by which a deceleration begins early, s, not negative: the lag of the drive.
+    /// Time constant of the drive, s, positive. A deceleration begins so much earlier.
     pub reaction: T,
     /// Speed at which the last centimetres before a stop are driven, m/s, positive.
     pub creep: T,
@@ -20,6 +22,7 @@ impl<T: Scalar> Pace<T> {
     #[must_use]
     pub fn of_drive(lag: T) -> Self {
         Self {
+            acceleration: T::lit(0.5),
             deceleration: T::lit(0.5),
             lateral: T::lit(1.5),
             reaction: lag,
@@ -31,11 +34,11 @@ impl<T: Scalar> Pace<T> {
     #[must_use]
     pub fn is_usable(&self) -> bool {
         let positive = |value: T| value.is_finite() && value > T::zero();
-        positive(self.deceleration)
+        positive(self.acceleration)
+            && positive(self.deceleration)
             && positive(self.lateral)
             && positive(self.creep)
-            && self.reaction.is_finite()
-            && self.reaction >= T::zero()
+            && positive(self.reaction)
     }
 
     /// The largest speed (m/s) at which the vehicle, now at `speed`, still slows down to `limit`

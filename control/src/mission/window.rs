@@ -156,6 +156,53 @@ impl<T: Scalar> Window<T> {
         self.paused
     }
 
+    /// The accelerations of the mission.
+    #[must_use]
+    pub fn pace(&self) -> &Pace<T> {
+        &self.pace
+    }
+
+    /// Way (m) that a vehicle at `progress`, with `speed` (m/s), drives within `time` (s), at the
+    /// speeds of the mission and with the lag of the drive.
+    #[must_use]
+    pub fn predict(&self, progress: &Progress<T>, speed: T, time: T) -> T {
+        const STEPS: u8 = 8;
+        let dt = time / T::lit(f64::from(STEPS));
+        let share = dt / (dt + self.pace.reaction);
+        let mut at = *progress;
+        let mut speed = speed;
+        let mut way = T::zero();
+        // loop-bound: 8
+        for _ in 0..STEPS {
+            let wanted = self.speed(&at, speed).unwrap_or(speed);
+            let before = speed;
+            speed += (wanted - speed) * share;
+            let driven = (before + speed) * dt * T::lit(0.5);
+            way += driven;
+            self.pass(&mut at, driven);
+        }
+        way
+    }
+
+    /// Moves `progress` on by `way` (m), up to where the direction changes.
+    fn pass(&self, progress: &mut Progress<T>, way: T) {
+        progress.along += way;
+        // loop-bound: 16. A window has up to WINDOW pieces.
+        for _ in 0..WINDOW {
+            let (Some(piece), Some(_)) = (
+                self.piece(progress.segment),
+                self.piece(progress.segment + 1),
+            ) else {
+                break;
+            };
+            if !(progress.along > piece.segment.length) || self.turns_back(progress.segment) {
+                break;
+            }
+            progress.along -= piece.segment.length;
+            progress.segment += 1;
+        }
+    }
+
     /// Where in its mission the vehicle is; `None` while the window is empty.
     #[must_use]
     pub fn whereabouts(&self, progress: &Progress<T>) -> Option<Whereabouts<T>> {
@@ -274,13 +321,17 @@ impl<T: Scalar> Route<T> for Window<T> {
 
     /// The curvature of a mission's path has no jumps that a steering could not follow, so nothing
     /// is averaged.
-    fn bend(&self, progress: &Progress<T>, ahead: T, _: T) -> Bend<T> {
-        let &Progress { segment, along, .. } = progress;
+    fn bend(&self, progress: &Progress<T>, _: T, _: T) -> Bend<T> {
+        let curvature = self.curvature(progress.segment, progress.along);
         Bend {
             turn: T::zero(),
-            curvature: self.curvature(segment, along),
-            curvature_ahead: self.curvature(segment, along + ahead),
+            curvature,
+            curvature_ahead: curvature,
         }
+    }
+
+    fn next_curvature(&self, progress: &Progress<T>, way: T) -> Option<T> {
+        Some(self.curvature(progress.segment, progress.along + way))
     }
 
     fn is_ready(&self, progress: &Progress<T>) -> bool {
@@ -294,12 +345,17 @@ impl<T: Scalar> Route<T> for Window<T> {
 
     fn speed(&self, progress: &Progress<T>, speed: T) -> Option<T> {
         let allowed = self.allowed(progress, speed);
-        if !self.paused {
-            return Some(allowed);
-        }
-        // Slower by what the drive does in its lag.
+        // What the drive does in its lag.
+        let faster = speed + self.pace.acceleration * self.pace.reaction;
         let slower = speed - self.pace.deceleration * self.pace.reaction;
-        Some(if !(slower > self.pace.creep) {
+        Some(if !self.paused {
+            let least = if faster > self.pace.creep {
+                faster
+            } else {
+                self.pace.creep
+            };
+            if least < allowed { least } else { allowed }
+        } else if !(slower > self.pace.creep) {
             T::zero()
         } else if slower < allowed {
             slower

@@ -45,6 +45,22 @@ impl Field {
             .collect()
     }
 
+    /// The same, and two metres behind the last pass with all sections off.
+    pub(crate) fn legs_and_way_out<T: Scalar>(&self) -> Vec<Leg<T>> {
+        let mut legs = self.legs();
+        if let Some(last) = legs.last_mut() {
+            last.join = Join::Continue;
+            let out = Leg {
+                start: last.end(),
+                length: T::lit(2.0),
+                outputs: 0,
+                ..*last
+            };
+            legs.push(out);
+        }
+        legs
+    }
+
     /// A fence about passes and headlands, half a pass wider at the sides.
     pub(crate) fn fence<T: Scalar>(&self) -> [Point<T>; 4] {
         let (south, north) = (-self.headland, self.length + self.headland);
