@@ -484,7 +484,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
     /// In reverse, everything is that of a vehicle that travels forward with its points ahead and
     /// to the right behind and to the left.
     fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> (Tracking<T>, T) {
-        let heading_error = if self.reverse {
+        let heading_error = if self.route.reverse(&self.progress) {
             wrap_angle(estimate.heading + T::pi() - place.bearing)
         } else {
             wrap_angle(estimate.heading - place.bearing)
@@ -518,7 +518,12 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
     /// and its speed u = -V, then dc/dt = V tan(a) / L = u tan(-a) / L. So the law and its gains,
     /// which are those of the rear axle, hold for u and -a.
     fn travelled(&self, value: T) -> T {
-        if self.reverse { -value } else { value }
+        // Asked of the route, which for most kinds is a constant.
+        if self.route.reverse(&self.progress) {
+            -value
+        } else {
+            value
+        }
     }
 
     fn law(&mut self, tracking: &Tracking<T>, sine: T, dt: T) -> Option<Command<T>> {

@@ -1,0 +1,103 @@
+//! A mission of two passes: it is checked, and the pieces of its path are listed.
+//!
+//! ```sh
+//! cargo run -p control --example mission
+//! ```
+
+use control::controller::{Controller, Settings};
+use control::feedback::Limits;
+use control::fence::{Footprint, Point};
+use control::mission::{End, Join, Leg, Legs, Mission, MissionSettings, Planner, Window, check};
+use control::model::{Antenna, Geometry};
+use control::position::Position;
+use control::vehicle::{Description, Misalignment, Sensors, degrees};
+
+const VEHICLE: Description = Description {
+    geometry: Geometry {
+        l1: 0.255,
+        l2: 0.845,
+    },
+    antenna: Antenna {
+        right: 0.0,
+        height: 0.0,
+    },
+    limits: Limits {
+        steering_angle: degrees(25.0),
+        steering_rate: degrees(25.0),
+        speed: 2.0,
+    },
+    cruise: 1.0,
+    period: 0.1,
+    sensors: Sensors {
+        position: 0.01,
+        velocity: 0.03,
+        steering: degrees(0.1),
+        age: 0.055,
+    },
+    drive_lag: 0.3,
+    cornering: 4.0,
+    misalignment: Misalignment {
+        heading: degrees(1.0),
+        steering: degrees(2.0),
+    },
+    weights: None,
+};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let settings = Settings::<f32>::for_vehicle(&VEHICLE)?;
+    // From the origin 100 m to the north at 1 m/s with section 0 on, and back 3 m beside.
+    let out = Leg {
+        length: 100.0,
+        speed: 1.0,
+        outputs: 1,
+        join: Join::Turn,
+        ..Leg::default()
+    };
+    let mut back = out;
+    back.start.north = 100.0;
+    back.start.east = 3.0;
+    back.start.heading = core::f32::consts::PI;
+    let corners = [(-9.0, -9.0), (109.0, -9.0), (109.0, 12.0), (-9.0, 12.0)];
+    let mission = Legs {
+        origin: Position::new(0, 0),
+        legs: &[out, back],
+        fence: &corners.map(|(north, east)| Point { north, east }),
+        end: End::Stop,
+    };
+
+    // Turns at 1 m/s leave a fifth of the steering's angle and rate for corrections.
+    let footprint = Footprint {
+        half_width: 1.5,
+        ..Footprint::default()
+    };
+    let wanted = MissionSettings::for_controller(&settings, footprint, 1.0, 0.2);
+    let summary = check(&mission, &wanted)?;
+    println!(
+        "{} legs and {} turns, {:.1} m, at least {:.0} s",
+        summary.legs, summary.turns, summary.length, summary.time
+    );
+
+    // On a target a task of low priority does this, some steps between two control steps.
+    let mut planner = Planner::new(wanted);
+    let window = Window::new(mission.origin(), wanted.pace);
+    let mut controller = Controller::following(settings, window)?;
+    let current = controller.progress().segment;
+    while planner.feed(&mission, controller.route_mut(), current) {}
+    println!("piece     m  curvature (1/m)    m/s");
+    for number in controller.route().numbers() {
+        let Some(piece) = controller.route().piece(number) else {
+            break;
+        };
+        let segment = &piece.segment;
+        println!(
+            "{number:5} {:5.1} {:7.3} to {:6.3} {:6.2}  {:?}{}",
+            segment.length,
+            segment.curvature,
+            segment.curvature_at(segment.length),
+            piece.speed,
+            piece.purpose,
+            if piece.reverse { ", in reverse" } else { "" },
+        );
+    }
+    Ok(())
+}
