@@ -7,7 +7,7 @@
 use control::controller::{Controller, Settings};
 use control::feedback::Limits;
 use control::fence::{Footprint, Point};
-use control::mission::{End, Join, Leg, Legs, Mission, MissionSettings, Planner, Window, check};
+use control::mission::{End, Join, Leg, Legs, Mission, MissionSettings, Planner, Stretch, check};
 use control::model::{Antenna, Geometry};
 use control::position::Position;
 use control::vehicle::{Description, Misalignment, Sensors, degrees};
@@ -79,8 +79,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // On a target a task of low priority does this, some steps between two control steps.
     let mut planner = Planner::new(wanted);
-    let window = Window::new(mission.origin(), wanted.pace);
-    let mut controller = Controller::following(settings, window)?;
+    let stretch = Stretch::new(mission.origin(), wanted.pace);
+    let mut controller = Controller::following(settings, stretch)?;
     let current = controller.progress().segment;
     while planner.feed(&mission, controller.route_mut(), current) {}
     println!("piece     m  curvature (1/m)    m/s");

@@ -43,14 +43,16 @@ pub fn travel<T: Scalar>(start: Pose<T>, curvature: T, sharpness: T, length: T) 
     let step = length / T::integer(intervals as i32);
     let (mut north, mut east) = (T::zero(), T::zero());
     let mut middle = step * half;
+    // As literals, so that the compiler converts them.
+    let rule = RULE.map(|(node, weight)| (T::lit(node), T::lit(weight)));
     // loop-bound: 16
     for _ in 0..intervals {
         // loop-bound: 5
-        for (node, weight) in RULE {
-            let way = middle + step * half * T::lit(node);
+        for (node, weight) in rule {
+            let way = middle + step * half * node;
             let (sine, cosine) = (start.heading + turned(way)).sine_cosine();
-            north += cosine * T::lit(weight);
-            east += sine * T::lit(weight);
+            north += cosine * weight;
+            east += sine * weight;
         }
         middle += step;
     }

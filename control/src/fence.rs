@@ -48,12 +48,12 @@ impl<T: Scalar> Footprint<T> {
 }
 
 /// Says where a vehicle may be. A closure is one, too.
-pub trait Bound<T> {
+pub trait Room<T> {
     /// True if the vehicle may stand at this pose of its rear axle.
     fn allows(&self, at: &Pose<T>) -> bool;
 }
 
-impl<T, F: Fn(&Pose<T>) -> bool> Bound<T> for F {
+impl<T, F: Fn(&Pose<T>) -> bool> Room<T> for F {
     fn allows(&self, at: &Pose<T>) -> bool {
         self(at)
     }
@@ -72,7 +72,7 @@ pub struct Headland<T> {
     pub footprint: Footprint<T>,
 }
 
-impl<T: Scalar> Bound<T> for Headland<T> {
+impl<T: Scalar> Room<T> for Headland<T> {
     fn allows(&self, at: &Pose<T>) -> bool {
         let (sine, cosine) = self.from.heading.sine_cosine();
         let beyond =
@@ -138,7 +138,7 @@ impl<'a, T: Scalar> Fence<'a, T> {
     }
 }
 
-impl<T: Scalar> Bound<T> for Fence<'_, T> {
+impl<T: Scalar> Room<T> for Fence<'_, T> {
     fn allows(&self, at: &Pose<T>) -> bool {
         let [rear, front] = self.footprint.ends(at);
         let room = self.footprint.half_width * self.footprint.half_width;

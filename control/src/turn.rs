@@ -20,7 +20,7 @@
 
 use crate::clothoid::travel;
 use crate::dubins::{Pose, turn_forward};
-use crate::fence::Bound;
+use crate::fence::Room;
 use crate::path::Segment;
 use crate::scalar::{Scalar, wrap_angle};
 
@@ -28,7 +28,7 @@ use crate::scalar::{Scalar, wrap_angle};
 /// either end.
 pub const PARTS: usize = 11;
 
-/// Poses that a step compares with the bound.
+/// Poses that a step compares with the room.
 const POSES: usize = 8;
 
 /// A part of a turn as the vehicle drives it.
@@ -189,7 +189,7 @@ pub struct TurnSettings<T> {
     /// Way that a change of direction counts as, m, not negative. The shortest turn is chosen by
     /// its length and this.
     pub stop_cost: T,
-    /// Distance of the poses that are compared with the bound, m, positive.
+    /// Distance of the poses that are compared with the room that there is, m, positive.
     pub spacing: T,
 }
 
@@ -233,7 +233,7 @@ pub enum TurnError {
     Settings,
     /// A coordinate or the heading of a pose is not a finite number.
     Pose,
-    /// No turn stays inside the bound.
+    /// There is no room for a turn.
     NoRoom,
 }
 
@@ -242,7 +242,7 @@ impl core::fmt::Display for TurnError {
         f.write_str(match self {
             Self::Settings => "a setting of the turn is out of range",
             Self::Pose => "a coordinate or heading of a pose is not a finite number",
-            Self::NoRoom => "no turn has room inside the bound",
+            Self::NoRoom => "there is no room for a turn",
         })
     }
 }
@@ -366,7 +366,7 @@ fn beside<T: Scalar>(pose: &Pose<T>, ahead: T, right: T) -> Vector<T> {
 /// Number of words.
 const WORDS: u8 = 16;
 
-/// A search for the shortest turn inside a bound, in steps.
+/// A search for the shortest turn that has room, in steps.
 #[derive(Clone, Copy, Debug)]
 pub struct TurnPlan<T> {
     settings: TurnSettings<T>,
@@ -379,7 +379,7 @@ pub struct TurnPlan<T> {
     best: Option<(T, Turn<T>)>,
 }
 
-/// A turn that is being compared with the bound.
+/// A turn that is being compared with the room that there is.
 #[derive(Clone, Copy, Debug)]
 struct Candidate<T> {
     cost: T,
@@ -424,12 +424,12 @@ impl<T: Scalar> TurnPlan<T> {
         })
     }
 
-    /// One step: computes one word, or compares up to eight poses of a turn with the bound.
+    /// One step: computes one word, or compares up to eight poses of a turn with the room.
     /// Returns the result with the last step. A plan takes at most 16 steps and one for each
     /// eight poses of its turns.
-    pub fn step<B: Bound<T>>(&mut self, bound: &B) -> Option<Result<Turn<T>, TurnError>> {
+    pub fn step<B: Room<T>>(&mut self, room: &B) -> Option<Result<Turn<T>, TurnError>> {
         if let Some(mut candidate) = self.candidate.take() {
-            match candidate.compare(bound, self.settings.spacing) {
+            match candidate.compare(room, self.settings.spacing) {
                 Compared::Further => self.candidate = Some(candidate),
                 Compared::Inside => self.best = Some((candidate.cost, candidate.turn)),
                 Compared::Outside => {}
@@ -460,10 +460,10 @@ impl<T: Scalar> TurnPlan<T> {
     /// All steps at once, for hosts and tests.
     ///
     /// # Errors
-    /// [`TurnError::NoRoom`] if no turn stays inside the bound.
-    pub fn run<B: Bound<T>>(mut self, bound: &B) -> Result<Turn<T>, TurnError> {
+    /// [`TurnError::NoRoom`] if there is no room for a turn.
+    pub fn run<B: Room<T>>(mut self, room: &B) -> Result<Turn<T>, TurnError> {
         loop {
-            if let Some(result) = self.step(bound) {
+            if let Some(result) = self.step(room) {
                 return result;
             }
         }
@@ -531,13 +531,13 @@ enum Compared {
 }
 
 impl<T: Scalar> Candidate<T> {
-    fn compare<B: Bound<T>>(&mut self, bound: &B, spacing: T) -> Compared {
+    fn compare<B: Room<T>>(&mut self, room: &B, spacing: T) -> Compared {
         // loop-bound: 8
         for _ in 0..POSES {
             let Some(part) = self.turn.parts().get(self.part) else {
                 return Compared::Inside;
             };
-            if !bound.allows(&part.pose(self.start, self.along)) {
+            if !room.allows(&part.pose(self.start, self.along)) {
                 return Compared::Outside;
             }
             self.along += spacing;

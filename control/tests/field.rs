@@ -11,7 +11,7 @@ use common::{Conditions, Plant};
 use control::controller::{Controller, Sample, Settings};
 use control::feedback::Limits;
 use control::mission::{
-    End, Legs, Mission, MissionSettings, Outputs, Planner, Purpose, Section, Window, check,
+    End, Legs, Mission, MissionSettings, Outputs, Planner, Purpose, Section, Stretch, check,
 };
 use control::model::{Antenna, Geometry};
 use control::position::Position;
@@ -110,7 +110,7 @@ struct Drive<'a> {
     plant: Plant,
     plan: &'a Legs<'a, f32>,
     planner: Planner<f32>,
-    controller: Controller<f32, Window<f32>>,
+    controller: Controller<f32, Stretch<f32>>,
     outputs: Outputs<f32>,
     watch: ResponseWatch<f32>,
     applied: Command<f64>,
@@ -129,7 +129,7 @@ impl<'a> Drive<'a> {
         wanted: MissionSettings<f32>,
         seed: u64,
     ) -> Self {
-        let window = Window::new(plan.origin(), wanted.pace);
+        let stretch = Stretch::new(plan.origin(), wanted.pace);
         let section = Section {
             on_delay: SECTION.on_delay as f32,
             off_delay: SECTION.off_delay as f32,
@@ -139,7 +139,7 @@ impl<'a> Drive<'a> {
             plant: Plant::of(task.vehicle, task.conditions, seed),
             plan,
             planner: Planner::new(wanted),
-            controller: Controller::following(settings, window).unwrap(),
+            controller: Controller::following(settings, stretch).unwrap(),
             outputs: Outputs::new([section; 8]),
             watch: ResponseWatch::new(ResponseSettings::of(&settings)),
             applied: Command {
@@ -206,12 +206,12 @@ impl<'a> Drive<'a> {
 
     /// Tells the section when to move.
     fn switch(&mut self, speed: f32, period: f64) {
-        let (window, progress) = (self.controller.route(), self.controller.progress());
+        let (stretch, progress) = (self.controller.route(), self.controller.progress());
         let before = self.outputs.state() & 1 != 0;
         let direction = if self.reverse { -1.0 } else { 1.0 };
         let switching = self
             .outputs
-            .step(window, progress, direction * speed, period as f32);
+            .step(stretch, progress, direction * speed, period as f32);
         let now = switching.now & 1 != 0;
         let delay = |on: bool| {
             if on {
@@ -232,8 +232,8 @@ impl<'a> Drive<'a> {
 
     /// Notes the cross-track error.
     fn note(&mut self) {
-        let (window, progress) = (self.controller.route(), self.controller.progress());
-        let Some(piece) = window.piece(progress.segment) else {
+        let (stretch, progress) = (self.controller.route(), self.controller.progress());
+        let Some(piece) = stretch.piece(progress.segment) else {
             return;
         };
         let plant = &self.plant;

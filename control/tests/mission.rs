@@ -6,8 +6,8 @@ use common::field::{Field, mission_settings};
 use control::dubins::Pose;
 use control::fence::{FenceError, Point};
 use control::mission::{
-    End, Fault, Join, Leg, Legs, Mission, MissionSettings, Outputs, Pace, Piece, Planner, Purpose,
-    Section, Step, Violation, WINDOW, Window, check,
+    End, Fault, Join, Leg, Legs, Mission, MissionSettings, Outputs, PIECES, Pace, Piece, Planner,
+    Purpose, Section, Step, Stretch, Violation, check,
 };
 use control::path::{Progress, Segment};
 use control::position::Position;
@@ -59,10 +59,11 @@ fn a_field_is_sound() {
 #[test]
 fn faults_are_named() {
     type Change = fn(&mut Leg<f64>);
-    let faults: [(Change, usize, Fault); 12] = [
+    let faults: [(Change, usize, Fault); 13] = [
         (|leg| leg.start.north = f64::NAN, 3, Fault::NotFinite),
         (|leg| leg.speed = f64::INFINITY, 3, Fault::NotFinite),
         (|leg| leg.start.east = 5000.0, 3, Fault::TooFar),
+        (|leg| leg.start.heading = 1000.0, 3, Fault::TooFar),
         (|leg| leg.length = 0.0, 3, Fault::Length),
         (|leg| leg.length = 2500.0, 3, Fault::Length),
         (|leg| leg.speed = 0.0, 3, Fault::Speed),
@@ -192,7 +193,7 @@ fn missions_without_sense_are_refused() {
     let found = check(&mission(&legs, &fence), &sound).unwrap_err();
     assert_eq!(
         found.to_string(),
-        "leg 0: no turn to the next leg: no turn has room inside the bound"
+        "leg 0: no turn to the next leg: there is no room for a turn"
     );
 }
 
@@ -201,7 +202,7 @@ fn missions_without_sense_are_refused() {
 fn follow(plan: &Legs<f64>, metres: f64) -> (Vec<usize>, usize, bool) {
     let settings = settings();
     let mut planner = Planner::new(settings);
-    let mut window = Window::new(plan.origin(), settings.pace);
+    let mut stretch = Stretch::new(plan.origin(), settings.pace);
     let mut progress = Progress::<f64>::start();
     let (mut legs, mut turns) = (Vec::new(), 0);
     let mut before = (Purpose::Leg, usize::MAX);
@@ -211,13 +212,13 @@ fn follow(plan: &Legs<f64>, metres: f64) -> (Vec<usize>, usize, bool) {
     while driven < metres {
         // As many steps as a task of low priority has between two control steps.
         for _ in 0..20 {
-            planner.feed(plan, &mut window, progress.segment);
+            planner.feed(plan, &mut stretch, progress.segment);
         }
-        assert!(window.numbers().len() <= WINDOW);
+        assert!(stretch.numbers().len() <= PIECES);
         let (number, along) = (progress.segment, progress.along + step);
-        let piece = *window.piece(number).expect("the path goes on");
+        let piece = *stretch.piece(number).expect("the path goes on");
         // Where the direction changes, the vehicle stops at the end.
-        let beyond = window
+        let beyond = stretch
             .piece(number + 1)
             .filter(|next| along > piece.segment.length && next.reverse == piece.reverse);
         let on = match beyond {
@@ -229,9 +230,9 @@ fn follow(plan: &Legs<f64>, metres: f64) -> (Vec<usize>, usize, bool) {
             assert!(jump < step * 1.5, "a jump of {jump} m in piece {number}");
         }
         last = Some((on.north, on.east));
-        let place = window.advance(&mut progress, on.north, on.east);
+        let place = stretch.advance(&mut progress, on.north, on.east);
         assert!(place.cross_track.abs() < 2e-3, "{place:?}");
-        let there = window.whereabouts(&progress).unwrap();
+        let there = stretch.whereabouts(&progress).unwrap();
         if (there.purpose, there.leg) != before {
             match there.purpose {
                 Purpose::Leg => legs.push(there.leg),
@@ -314,11 +315,11 @@ fn a_planner_begins_anywhere() {
         (3, 12.5, 27.5)
     );
     assert!((piece.segment.start.north - 27.5).abs() < 1e-9);
-    let mut window = Window::new(plan.origin(), settings().pace);
-    window.push(piece);
+    let mut stretch = Stretch::new(plan.origin(), settings().pace);
+    stretch.push(piece);
     let mut progress = Progress::start();
-    window.advance(&mut progress, 20.0, 9.0);
-    let there = window.whereabouts(&progress).unwrap();
+    stretch.advance(&mut progress, 20.0, 9.0);
+    let there = stretch.whereabouts(&progress).unwrap();
     assert_eq!((there.leg, there.purpose), (3, Purpose::Leg));
     assert!((there.along - 20.0).abs() < 1e-9);
 }
@@ -333,8 +334,8 @@ fn a_missing_turn_is_told() {
     let (legs, fence) = (narrow.legs(), narrow.fence());
     let plan = mission(&legs, &fence);
     let mut planner = Planner::new(settings());
-    let mut window = Window::new(plan.origin(), settings().pace);
-    while planner.feed(&plan, &mut window, 0) {}
+    let mut stretch = Stretch::new(plan.origin(), settings().pace);
+    while planner.feed(&plan, &mut stretch, 0) {}
     assert_eq!(planner.stuck(), Some((0, TurnError::NoRoom)));
     assert_eq!(
         planner.step(&plan),
@@ -349,7 +350,7 @@ fn a_missing_turn_is_told() {
         along: 40.0,
         finished: false,
     };
-    assert_eq!(window.speed(&progress, 0.1), Some(0.0));
+    assert_eq!(stretch.speed(&progress, 0.1), Some(0.0));
 }
 
 fn piece(speed: f64, length: f64, reverse: bool, outputs: u8) -> Piece<f64> {
@@ -365,12 +366,12 @@ fn piece(speed: f64, length: f64, reverse: bool, outputs: u8) -> Piece<f64> {
     }
 }
 
-fn window(pieces: &[Piece<f64>]) -> Window<f64> {
-    let mut window = Window::new(Position::new(0, 0), Pace::of_drive(0.3));
+fn stretch(pieces: &[Piece<f64>]) -> Stretch<f64> {
+    let mut stretch = Stretch::new(Position::new(0, 0), Pace::of_drive(0.3));
     for piece in pieces {
-        assert!(window.push(*piece));
+        assert!(stretch.push(*piece));
     }
-    window
+    stretch
 }
 
 fn at(segment: usize, along: f64) -> Progress<f64> {
@@ -392,9 +393,9 @@ proptest! {
             .iter()
             .map(|&(speed, length, reverse)| piece(speed, length, reverse, 0))
             .collect();
-        let window = window(&pieces);
+        let stretch = stretch(&pieces);
         let along = along * pieces[0].segment.length;
-        let found = window.speed(&at(0, along), speed).unwrap();
+        let found = stretch.speed(&at(0, along), speed).unwrap();
         prop_assert!(found <= (speed + 0.15).max(0.1) + 1e-9);
         let pace = Pace::of_drive(0.3);
         let mut distance = pieces[0].segment.length - along;
@@ -415,39 +416,39 @@ proptest! {
 
 #[test]
 fn stops_are_reached() {
-    let window = window(&[piece(1.0, 10.0, false, 0), piece(0.5, 3.0, true, 0)]);
-    assert_eq!(window.speed(&at(0, 2.0), 0.95), Some(1.0));
-    let near = window.speed(&at(0, 9.9), 0.1).unwrap();
+    let stretch = stretch(&[piece(1.0, 10.0, false, 0), piece(0.5, 3.0, true, 0)]);
+    assert_eq!(stretch.speed(&at(0, 2.0), 0.95), Some(1.0));
+    let near = stretch.speed(&at(0, 9.9), 0.1).unwrap();
     assert!((0.1..0.3).contains(&near), "{near}");
-    assert_eq!(window.speed(&at(0, 10.01), 0.1), Some(0.0));
-    assert!(!window.reverse(&at(0, 5.0)) && window.reverse(&at(1, 0.0)));
+    assert_eq!(stretch.speed(&at(0, 10.01), 0.1), Some(0.0));
+    assert!(!stretch.reverse(&at(0, 5.0)) && stretch.reverse(&at(1, 0.0)));
     // No piece, no motion.
-    assert_eq!(window.speed(&at(2, 0.0), 0.1), Some(0.0));
-    assert!(!window.is_ready(&at(2, 0.0)) && window.is_ready(&at(1, 0.0)));
+    assert_eq!(stretch.speed(&at(2, 0.0), 0.1), Some(0.0));
+    assert!(!stretch.is_ready(&at(2, 0.0)) && stretch.is_ready(&at(1, 0.0)));
 }
 
 #[test]
 fn a_pause_stops_gently() {
-    let mut window = window(&[piece(1.0, 100.0, false, 3)]);
+    let mut stretch = stretch(&[piece(1.0, 100.0, false, 3)]);
     let mut outputs = Outputs::new([Section::default(); 8]);
-    assert_eq!(outputs.step(&window, &at(0, 5.0), 1.0, 0.1).now, 3);
-    window.pause();
-    assert!(window.is_paused());
+    assert_eq!(outputs.step(&stretch, &at(0, 5.0), 1.0, 0.1).now, 3);
+    stretch.pause();
+    assert!(stretch.is_paused());
     let mut speed = 1.0;
     let mut steps = 0;
     while speed > 0.0 {
-        let next = window.speed(&at(0, 5.0), speed).unwrap();
+        let next = stretch.speed(&at(0, 5.0), speed).unwrap();
         assert!(next < speed && (next >= speed - 0.151 || next == 0.0));
         speed = next;
         steps += 1;
     }
     assert!((4..20).contains(&steps), "{steps}");
-    assert_eq!(outputs.step(&window, &at(0, 5.0), 1.0, 0.1).now, 0);
-    window.resume();
+    assert_eq!(outputs.step(&stretch, &at(0, 5.0), 1.0, 0.1).now, 0);
+    stretch.resume();
     // And it drives on gently.
     let mut steps = 0;
     while speed < 1.0 {
-        let next = window.speed(&at(0, 5.0), speed).unwrap();
+        let next = stretch.speed(&at(0, 5.0), speed).unwrap();
         assert!(next > speed && next <= speed + 0.151);
         speed = next;
         steps += 1;
@@ -458,13 +459,13 @@ fn a_pause_stops_gently() {
 /// The way that a section moves in its delay is predicted with the speeds that lie ahead.
 #[test]
 fn the_way_in_a_delay_is_predicted() {
-    let window = window(&[piece(1.0, 10.0, false, 0), piece(1.0, 3.0, true, 0)]);
-    let constant = window.predict(&at(0, 2.0), 1.0, 0.6);
+    let stretch = stretch(&[piece(1.0, 10.0, false, 0), piece(1.0, 3.0, true, 0)]);
+    let constant = stretch.predict(&at(0, 2.0), 1.0, 0.6);
     assert!((constant - 0.6).abs() < 1e-9, "{constant}");
     // From standstill at 0.5 m/s^2, and down to the stop.
-    let begins = window.predict(&at(0, 2.0), 0.0, 1.0);
+    let begins = stretch.predict(&at(0, 2.0), 0.0, 1.0);
     assert!((0.15..0.25).contains(&begins), "{begins}");
-    let stops = window.predict(&at(0, 9.2), 1.0, 1.0);
+    let stops = stretch.predict(&at(0, 9.2), 1.0, 1.0);
     assert!((0.5..0.8).contains(&stops), "{stops}");
 }
 
@@ -480,7 +481,7 @@ fn sections_change_at_borders() {
         piece(1.7, 3.0, false, 0b10),
         piece(1.7, 30.0, false, 0),
     ];
-    let window = window(&pieces);
+    let stretch = stretch(&pieces);
     let section = Section {
         on_delay: 0.4,
         off_delay: 0.25,
@@ -498,7 +499,7 @@ fn sections_change_at_borders() {
             rest -= pieces[segment].segment.length;
             segment += 1;
         }
-        let switching = outputs.step(&window, &at(segment, rest), speed, period);
+        let switching = outputs.step(&stretch, &at(segment, rest), speed, period);
         for bit in 0..8 {
             let mask = 1 << bit;
             if (switching.now ^ state) & mask != 0 {
@@ -531,11 +532,21 @@ fn sections_change_at_borders() {
     }
     // Nothing stays on at the end of a mission.
     let mut outputs = Outputs::new([section; 8]);
-    outputs.step(&window, &at(1, 3.0), speed, period);
+    outputs.step(&stretch, &at(1, 3.0), speed, period);
     assert_ne!(outputs.state(), 0);
     let end = Progress {
         finished: true,
         ..at(1, 3.1)
     };
-    assert_eq!(outputs.step(&window, &end, 0.0, period).now, 0);
+    assert_eq!(outputs.step(&stretch, &end, 0.0, period).now, 0);
+}
+
+/// In reverse a section behind the axle comes first.
+#[test]
+fn sections_know_the_direction() {
+    let stretch = stretch(&[piece(1.0, 5.0, true, 0), piece(1.0, 5.0, true, 1)]);
+    let on = |outputs: u8| outputs == 1;
+    let (number, distance) = stretch.change(&at(0, 2.0), -0.5, 0, on).unwrap();
+    assert_eq!(number, 1);
+    assert!((distance - 2.5).abs() < 1e-9, "{distance}");
 }

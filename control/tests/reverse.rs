@@ -5,7 +5,7 @@ mod common;
 use common::{Conditions, Plant};
 use control::controller::{Controller, Sample, Settings};
 use control::dubins::Pose;
-use control::mission::{Pace, Piece, Window};
+use control::mission::{Pace, Piece, Stretch};
 use control::position::Position;
 use control::response::{Response, ResponseSettings, ResponseWatch};
 use control::safety::Command;
@@ -60,16 +60,16 @@ fn back(
         reverse: true,
         ..Part::default()
     };
-    let mut window = Window::new(
+    let mut stretch = Stretch::new(
         Position::new(0, 0),
         Pace::of_drive(vehicle.drive_lag as f32),
     );
-    assert!(window.push(piece(Pose::default(), ahead, speed)));
-    assert!(window.push(Piece {
+    assert!(stretch.push(piece(Pose::default(), ahead, speed)));
+    assert!(stretch.push(Piece {
         last: true,
         ..piece(turning, return_way, speed)
     }));
-    let mut controller = Controller::following(settings, window).unwrap();
+    let mut controller = Controller::following(settings, stretch).unwrap();
     let mut watch = ResponseWatch::new(ResponseSettings::of(&settings));
     let mut plant = Plant::of(*vehicle, conditions, seed);
     plant.north = 0.0;

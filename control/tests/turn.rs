@@ -1,8 +1,8 @@
 //! Headland turns: they end at the next pass, never ask for more than the steering can do, and
-//! stay inside their bound.
+//! stay inside their room.
 
 use control::dubins::Pose;
-use control::fence::{Bound, Fence, FenceError, Footprint, Headland, Point};
+use control::fence::{Fence, FenceError, Footprint, Headland, Point, Room};
 use control::reeds_shepp;
 use control::scalar::Scalar;
 use control::turn::{Kind, Part, Turn, TurnError, TurnPlan, TurnSettings};
@@ -102,6 +102,23 @@ proptest! {
         prop_assert!((f64::from(found.length()) - turn.length()).abs() < 0.02);
     }
 
+    /// More freedom makes no turn longer: with reverse, and with more depth.
+    #[test]
+    fn the_shortest_turn_is_found(
+        aside in 1.0_f64..10.0, ahead in -4.0_f64..4.0, depth in 4.0_f64..15.0,
+    ) {
+        let settings = settings::<f64>();
+        let (start, end) = next(aside, ahead, 0.0);
+        let length = |reverse: bool, depth: f64| {
+            let room = Headland { from: start, depth, back: 6.0, footprint: Footprint::default() };
+            let plan = TurnPlan::new(start, end, &TurnSettings { reverse, ..settings }).unwrap();
+            plan.run(&room).map_or(f64::INFINITY, |turn| turn.length())
+        };
+        prop_assert!(length(true, depth) <= length(false, depth));
+        prop_assert!(length(true, depth + 2.0) <= length(true, depth));
+        prop_assert!(length(false, depth + 2.0) <= length(false, depth));
+    }
+
     /// Fast vehicles with slow steering: their turns are clothoids without arcs.
     #[test]
     fn slow_steering_gets_longer_clothoids(
@@ -125,8 +142,8 @@ proptest! {
         let settings = settings::<f64>();
         let (start, end) = next(aside, ahead, 0.0);
         let footprint = Footprint { half_width: 0.5, ahead: 1.2, behind: 0.2 };
-        let bound = Headland { from: start, depth, back: 30.0, footprint };
-        let Ok(turn) = TurnPlan::new(start, end, &settings).unwrap().run(&bound) else {
+        let room = Headland { from: start, depth, back: 30.0, footprint };
+        let Ok(turn) = TurnPlan::new(start, end, &settings).unwrap().run(&room) else {
             return Ok(());
         };
         let mut at = start;
@@ -188,13 +205,13 @@ fn kind(aside: f64, reverse: bool, depth: f64) -> Result<(Kind, usize, f64), Tur
         ..settings::<f64>()
     };
     let (start, end) = next(aside, 0.0, 0.0);
-    let bound = Headland {
+    let room = Headland {
         from: start,
         depth,
         back: 1.0,
         footprint: Footprint::default(),
     };
-    let turn = TurnPlan::new(start, end, &settings)?.run(&bound)?;
+    let turn = TurnPlan::new(start, end, &settings)?.run(&room)?;
     Ok((turn.kind(), turn.reversals(), turn.length()))
 }
 
@@ -258,14 +275,14 @@ fn steps_are_bounded() {
         let (start, end) = next(aside, 0.0, 0.0);
         let mut plan = TurnPlan::new(start, end, &settings).unwrap();
         let looks = std::cell::Cell::new(0);
-        let bound = |_: &Pose<f64>| {
+        let room = |_: &Pose<f64>| {
             looks.set(looks.get() + 1);
             true
         };
         let mut steps = 0;
         loop {
             looks.set(0);
-            let done = plan.step(&bound);
+            let done = plan.step(&room);
             steps += 1;
             assert!(looks.get() <= 8, "{} poses in a step", looks.get());
             if done.is_some() {

@@ -3,7 +3,7 @@
 use super::planner::{Yard, turn_between};
 use super::{Join, Leg, Mission, MissionSettings};
 use crate::dubins::Pose;
-use crate::fence::{Bound, Fence, FenceError};
+use crate::fence::{Fence, FenceError, Room};
 use crate::scalar::{Scalar, wrap_angle};
 use crate::turn::{TurnError, TurnPlan};
 
@@ -31,7 +31,8 @@ const POSES: usize = 8;
 pub enum Fault {
     /// A number is not finite, or [`Mission::leg`] has no such leg.
     NotFinite,
-    /// A coordinate is beyond [`REACH`].
+    /// A coordinate is beyond [`REACH`], or a heading beyond 100 rad, where single precision loses
+    /// digits.
     TooFar,
     /// The length is not between [`SHORTEST`] and [`LONGEST`].
     Length,
@@ -58,7 +59,12 @@ impl core::fmt::Display for Fault {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NotFinite => f.write_str("a number is not finite"),
-            Self::TooFar => write!(f, "a coordinate is more than {REACH} m from the origin"),
+            Self::TooFar => {
+                write!(
+                    f,
+                    "a coordinate is beyond {REACH} m or a heading beyond 100 rad"
+                )
+            }
             Self::Length => write!(f, "its length is not between {SHORTEST} and {LONGEST} m"),
             Self::Speed => f.write_str("its speed is not positive or above the vehicle's"),
             Self::Curvature => f.write_str("its curvature is more than the vehicle can steer"),
@@ -134,7 +140,8 @@ enum Stage<T> {
     Turn(TurnPlan<T>),
 }
 
-/// A check in steps.
+/// A check in steps. Poses of legs and turns are compared with the fence at every
+/// [`crate::turn::TurnSettings::spacing`], so the vehicle may come a little nearer to it between two.
 #[derive(Clone, Copy, Debug)]
 pub struct Check<T> {
     settings: MissionSettings<T>,
@@ -291,7 +298,7 @@ impl<T: Scalar> Check<T> {
         }
         let far =
             |pose: &Pose<T>| pose.north.abs() > T::lit(REACH) || pose.east.abs() > T::lit(REACH);
-        if far(&leg.start) || far(&end) {
+        if far(&leg.start) || far(&end) || leg.start.heading.abs() > T::lit(100.0) {
             return Err(Fault::TooFar);
         }
         if !(leg.length >= T::lit(SHORTEST) && leg.length <= T::lit(LONGEST)) {

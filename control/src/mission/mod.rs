@@ -2,12 +2,12 @@
 //!
 //! A [`Mission`] hands out [`Leg`]s by number; on a target they lie in flash memory. Legs are
 //! joined directly or by headland turns, which are planned while the vehicle drives. [`check`]
-//! judges a mission before it is driven. The [`Planner`] puts its pieces into a [`Window`], a
+//! judges a mission before it is driven. The [`Planner`] puts its pieces into a [`Stretch`], a
 //! short path that a [`crate::controller::Controller`] follows, so that a mission needs the same
 //! memory whatever its length. [`Outputs`] switches the sections of an implement.
 //!
 //! ```text
-//! Mission -> Planner::step -> Window -> Controller::step -> Command
+//! Mission -> Planner::step -> Stretch -> Controller::step -> Command
 //!                               |
 //!                               +----> Outputs::step -> sections of the implement
 //! ```
@@ -19,14 +19,14 @@ mod check;
 mod outputs;
 mod pace;
 mod planner;
-mod window;
+mod stretch;
 
 pub use check::{Check, Fault, JOIN_CURVATURE, JOIN_HEADING, JOIN_POSITION, Summary, Violation};
 pub use check::{LEGS, LONGEST, REACH, SHORTEST, check};
 pub use outputs::{Outputs, Section, Switching};
 pub use pace::Pace;
 pub use planner::{Planner, Step};
-pub use window::{Piece, Purpose, WINDOW, Whereabouts, Window};
+pub use stretch::{PIECES, Piece, Purpose, Stretch, Whereabouts};
 
 use crate::controller;
 use crate::dubins::Pose;

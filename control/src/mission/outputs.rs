@@ -1,6 +1,6 @@
 //! Switches the sections of an implement at the borders of legs.
 
-use super::window::Window;
+use super::stretch::Stretch;
 use crate::path::Progress;
 use crate::scalar::Scalar;
 
@@ -55,19 +55,19 @@ impl<T: Scalar> Outputs<T> {
         self.state
     }
 
-    /// Decides for the next `period` (s), when the vehicle is at `progress` in `window` and travels at
+    /// Decides for the next `period` (s), when the vehicle is at `progress` in `stretch` and travels at
     /// `speed` (m/s, positive in the direction of travel). The way in a section's delay is predicted
     /// with the speeds of the mission. While the mission is paused, and at its end, all sections
     /// are off.
     pub fn step(
         &mut self,
-        window: &Window<T>,
+        stretch: &Stretch<T>,
         progress: &Progress<T>,
         speed: T,
         period: T,
     ) -> Switching<T> {
         let mut later = [None; SECTIONS];
-        if window.is_paused() || progress.finished || window.piece(progress.segment).is_none() {
+        if stretch.is_paused() || progress.finished || stretch.piece(progress.segment).is_none() {
             self.state = 0;
             self.since = [0; SECTIONS];
             return Switching { now: 0, later };
@@ -79,7 +79,7 @@ impl<T: Scalar> Outputs<T> {
         for (bit, ((section, since), later)) in sections.zip(&mut later).enumerate() {
             let mask = 1_u8 << bit;
             let on = now & mask != 0;
-            let change = window.change(progress, section.ahead, *since, |outputs| {
+            let change = stretch.change(progress, section.ahead, *since, |outputs| {
                 (outputs & mask != 0) != on
             });
             let Some((piece, distance)) = change else {
@@ -92,14 +92,14 @@ impl<T: Scalar> Outputs<T> {
             };
             // No prediction for a border that is out of reach.
             let longest = delay + period;
-            if distance > (speed.abs() + window.pace().acceleration * longest) * longest {
+            if distance > (speed.abs() + stretch.pace().acceleration * longest) * longest {
                 continue;
             }
-            let reached = window.predict(progress, speed, delay);
+            let reached = stretch.predict(progress, speed, delay);
             if distance <= reached {
                 now ^= mask;
             } else {
-                let after = window.predict(progress, speed, longest);
+                let after = stretch.predict(progress, speed, longest);
                 if !(distance < after) {
                     continue;
                 }
@@ -113,9 +113,9 @@ impl<T: Scalar> Outputs<T> {
     }
 }
 
-impl<T: Scalar> Window<T> {
+impl<T: Scalar> Stretch<T> {
     /// The first piece from number `since` on that does not lie behind the point `ahead` metres
-    /// ahead of the vehicle, and whose outputs are `wanted`; and the distance from the point to its
+    /// ahead of the rear axle, and whose outputs are `wanted`; and the distance from the point to its
     /// beginning (m), zero on it. Behind the end of a mission all outputs are off.
     #[must_use]
     pub fn change(
@@ -125,7 +125,10 @@ impl<T: Scalar> Window<T> {
         since: usize,
         wanted: impl Fn(u8) -> bool,
     ) -> Option<(usize, T)> {
-        let here = progress.along + ahead;
+        let reverse = self
+            .piece(progress.segment)
+            .is_some_and(|piece| piece.reverse);
+        let here = progress.along + if reverse { -ahead } else { ahead };
         let way = |begin: T| {
             if begin > here {
                 begin - here
@@ -134,12 +137,12 @@ impl<T: Scalar> Window<T> {
             }
         };
         let mut begin = T::zero();
-        // loop-bound: 16. A window has up to WINDOW pieces.
+        // loop-bound: 16. A stretch has up to PIECES pieces.
         for number in self.numbers().start..progress.segment {
             begin -= self.piece(number)?.segment.length;
         }
         let mut last = false;
-        // loop-bound: 16. A window has up to WINDOW pieces.
+        // loop-bound: 16. A stretch has up to PIECES pieces.
         for number in self.numbers() {
             let piece = self.piece(number)?;
             let end = begin + piece.segment.length;

@@ -1,13 +1,13 @@
 //! Makes the pieces of a mission's path, a little ahead of the vehicle.
 
-use super::window::{Piece, Purpose, Window};
+use super::stretch::{Piece, Purpose, Stretch};
 use super::{Join, Leg, Mission, MissionSettings};
 use crate::dubins::Pose;
-use crate::fence::{Bound, Fence};
+use crate::fence::{Fence, Room};
 use crate::scalar::Scalar;
 use crate::turn::{Part, Turn, TurnError, TurnPlan};
 
-/// The bound of a mission's turns: its fence, if it has one.
+/// The room for turns: inside the fence, if the mission has one.
 pub(super) struct Yard<'a, T>(Option<Fence<'a, T>>);
 
 impl<'a, T: Scalar> Yard<'a, T> {
@@ -17,7 +17,7 @@ impl<'a, T: Scalar> Yard<'a, T> {
     }
 }
 
-impl<T: Scalar> Bound<T> for Yard<'_, T> {
+impl<T: Scalar> Room<T> for Yard<'_, T> {
     fn allows(&self, at: &Pose<T>) -> bool {
         self.0.as_ref().is_none_or(|fence| fence.allows(at))
     }
@@ -81,7 +81,8 @@ impl<T: Scalar> Planner<T> {
         }
     }
 
-    /// One step: at most one piece, or one step of a [`TurnPlan`].
+    /// One step: at most one piece, or one step of a [`TurnPlan`]. A piece is handed out once:
+    /// call this only while [`Stretch::retire`] tells of room.
     pub fn step<M: Mission<T>>(&mut self, mission: &M) -> Step<T> {
         match &mut self.stage {
             &mut Stage::Leg(number, along) => self.leg(mission, number, along),
@@ -123,21 +124,21 @@ impl<T: Scalar> Planner<T> {
         }
     }
 
-    /// Fills the window by at most one piece, when the vehicle is on piece `current`; false if there
-    /// was nothing to do. Where another task follows the window, call [`Self::step`] without
-    /// holding it, and [`Window::push`] with it.
+    /// Fills the stretch by at most one piece, when the vehicle is on piece `current`; false if there
+    /// was nothing to do. Where another task follows the stretch, call [`Self::step`] without
+    /// holding it, and [`Stretch::push`] with it.
     pub fn feed<M: Mission<T>>(
         &mut self,
         mission: &M,
-        window: &mut Window<T>,
+        stretch: &mut Stretch<T>,
         current: usize,
     ) -> bool {
-        if window.retire(current) == 0 {
+        if stretch.retire(current) == 0 {
             return false;
         }
         match self.step(mission) {
             Step::Working => true,
-            Step::Piece(piece) => window.push(piece),
+            Step::Piece(piece) => stretch.push(piece),
             Step::Done | Step::NoTurn { .. } => false,
         }
     }

@@ -6,9 +6,9 @@ use crate::position::Position;
 use crate::route::{Bend, Route};
 use crate::scalar::Scalar;
 
-/// Largest number of pieces in a window: three that have been driven, the current one, a turn of
+/// Largest number of pieces in a stretch: three that have been driven, the current one, a turn of
 /// eleven parts, and the leg behind it.
-pub const WINDOW: usize = 16;
+pub const PIECES: usize = 16;
 
 /// Pieces behind the current one that are kept, because an implement may still be on them.
 const BEHIND: usize = 3;
@@ -61,18 +61,18 @@ pub struct Whereabouts<T> {
 /// A ring of the pieces about the vehicle. Pieces are numbered from the beginning of the mission,
 /// as [`Progress::segment`] counts them.
 #[derive(Clone, Copy, Debug)]
-pub struct Window<T> {
+pub struct Stretch<T> {
     origin: Position,
     pace: Pace<T>,
-    pieces: [Piece<T>; WINDOW],
+    pieces: [Piece<T>; PIECES],
     /// Number of the oldest piece.
     first: usize,
     count: usize,
     paused: bool,
 }
 
-impl<T: Scalar> Window<T> {
-    /// A window without pieces, in which the vehicle stands.
+impl<T: Scalar> Stretch<T> {
+    /// A stretch without pieces, in which the vehicle stands.
     #[must_use]
     pub fn new(origin: Position, pace: Pace<T>) -> Self {
         let zero = T::zero();
@@ -97,7 +97,7 @@ impl<T: Scalar> Window<T> {
                 reverse: false,
                 outputs: 0,
                 last: false,
-            }; WINDOW],
+            }; PIECES],
             first: 0,
             count: 0,
             paused: false,
@@ -111,30 +111,30 @@ impl<T: Scalar> Window<T> {
         let drop = keep.saturating_sub(self.first).min(self.count);
         self.first += drop;
         self.count -= drop;
-        WINDOW - self.count
+        PIECES - self.count
     }
 
     /// Adds a piece behind the last one. False, and nothing added, if there is no room.
     pub fn push(&mut self, piece: Piece<T>) -> bool {
-        if self.count >= WINDOW {
+        if self.count >= PIECES {
             return false;
         }
         let number = self.first + self.count;
-        if let Some(slot) = self.pieces.get_mut(number % WINDOW) {
+        if let Some(slot) = self.pieces.get_mut(number % PIECES) {
             *slot = piece;
             self.count += 1;
         }
         true
     }
 
-    /// A piece by its number, if it is in the window.
+    /// A piece by its number, if it is in the stretch.
     #[must_use]
     pub fn piece(&self, number: usize) -> Option<&Piece<T>> {
         let inside = number >= self.first && number - self.first < self.count;
-        self.pieces.get(number % WINDOW).filter(|_| inside)
+        self.pieces.get(number % PIECES).filter(|_| inside)
     }
 
-    /// Numbers of the pieces in the window.
+    /// Numbers of the pieces in the stretch.
     #[must_use]
     pub fn numbers(&self) -> core::ops::Range<usize> {
         self.first..self.first + self.count
@@ -187,8 +187,8 @@ impl<T: Scalar> Window<T> {
     /// Moves `progress` on by `way` (m), up to where the direction changes.
     fn pass(&self, progress: &mut Progress<T>, way: T) {
         progress.along += way;
-        // loop-bound: 16. A window has up to WINDOW pieces.
-        for _ in 0..WINDOW {
+        // loop-bound: 16. A stretch has up to PIECES pieces.
+        for _ in 0..PIECES {
             let (Some(piece), Some(_)) = (
                 self.piece(progress.segment),
                 self.piece(progress.segment + 1),
@@ -203,7 +203,7 @@ impl<T: Scalar> Window<T> {
         }
     }
 
-    /// Where in its mission the vehicle is; `None` while the window is empty.
+    /// Where in its mission the vehicle is; `None` while the stretch is empty.
     #[must_use]
     pub fn whereabouts(&self, progress: &Progress<T>) -> Option<Whereabouts<T>> {
         let piece = self.piece(progress.segment)?;
@@ -223,11 +223,11 @@ impl<T: Scalar> Window<T> {
     }
 
     /// Curvature (1/m) in the direction of travel, `along` metres along piece `number`. It is that of
-    /// the end from there on where the direction changes, or where the window ends.
+    /// the end from there on where the direction changes, or where the stretch ends.
     fn curvature(&self, number: usize, along: T) -> T {
         let mut along = along;
         let mut curvature = T::zero();
-        // loop-bound: 16. A window has up to WINDOW pieces.
+        // loop-bound: 16. A stretch has up to PIECES pieces.
         for number in number..self.numbers().end {
             let Some(piece) = self.piece(number) else {
                 break;
@@ -250,7 +250,7 @@ impl<T: Scalar> Window<T> {
         };
         let mut allowed = current.speed;
         let mut distance = current.segment.length - progress.along;
-        // loop-bound: 16. A window has up to WINDOW pieces.
+        // loop-bound: 16. A stretch has up to PIECES pieces.
         for number in progress.segment..self.numbers().end {
             let next = self.piece(number + 1);
             let stops = next.is_none() || self.turns_back(number);
@@ -282,7 +282,7 @@ impl<T: Scalar> Window<T> {
     }
 }
 
-impl<T: Scalar> Route<T> for Window<T> {
+impl<T: Scalar> Route<T> for Stretch<T> {
     fn origin(&self) -> Position {
         self.origin
     }
@@ -297,8 +297,8 @@ impl<T: Scalar> Route<T> for Window<T> {
             };
         };
         let mut place = piece.segment.locate(north, east, progress.along);
-        // loop-bound: 16. A window has up to WINDOW pieces.
-        for _ in 0..WINDOW {
+        // loop-bound: 16. A stretch has up to PIECES pieces.
+        for _ in 0..PIECES {
             let Some(next) = self.piece(progress.segment + 1) else {
                 break;
             };
