@@ -4,47 +4,16 @@
 //! cargo run -p control --example mission
 //! ```
 
-use control::controller::{Controller, Settings};
-use control::feedback::Limits;
+use control::controller::Controller;
 use control::fence::{Footprint, Point};
 use control::mission::{End, Join, Leg, Legs, Mission, MissionSettings, Planner, Stretch, check};
-use control::model::{Antenna, Geometry};
 use control::position::Position;
-use control::vehicle::{Description, Misalignment, Sensors, degrees};
 
-const VEHICLE: Description = Description {
-    geometry: Geometry {
-        l1: 0.255,
-        l2: 0.845,
-    },
-    antenna: Antenna {
-        right: 0.0,
-        height: 0.0,
-    },
-    limits: Limits {
-        steering_angle: degrees(25.0),
-        steering_rate: degrees(25.0),
-        speed: 2.0,
-    },
-    cruise: 1.0,
-    period: 0.1,
-    sensors: Sensors {
-        position: 0.01,
-        velocity: 0.03,
-        steering: degrees(0.1),
-        age: 0.055,
-    },
-    drive_lag: 0.3,
-    cornering: 4.0,
-    misalignment: Misalignment {
-        heading: degrees(1.0),
-        steering: degrees(2.0),
-    },
-    weights: None,
-};
+#[path = "../tests/common/example.rs"]
+mod example;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let settings = Settings::<f32>::for_vehicle(&VEHICLE)?;
+    let settings = example::settings::<f32>();
     // From the origin 100 m to the north at 1 m/s with section 0 on, and back 3 m beside.
     let out = Leg {
         length: 100.0,

@@ -445,9 +445,14 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             self.position_age += sample.dt;
         }
         let estimate = self.estimator.estimate();
+        let mut progress = self.progress;
         let place = self
             .route
-            .advance(&mut self.progress, estimate.north, estimate.east);
+            .advance(&mut progress, estimate.north, estimate.east);
+        // Before the vehicle's place is known, it makes no progress.
+        if self.estimator.is_ready() {
+            self.progress = progress;
+        }
         let reverse = self.route.reverse(&self.progress);
         if reverse != self.reverse {
             // The integral and a movement of the steering are those of the other direction.

@@ -9,6 +9,7 @@ mod common;
 use common::field::{Field, mission_settings};
 use common::{Conditions, Plant};
 use control::controller::{Controller, Sample, Settings};
+use control::dubins::Pose;
 use control::feedback::Limits;
 use control::mission::{
     End, Legs, Mission, MissionSettings, Outputs, Planner, Purpose, Section, Stretch, check,
@@ -247,7 +248,7 @@ impl<'a> Drive<'a> {
             .locate(north as f32, east as f32, progress.along);
         let error = f64::from(place.cross_track);
         match piece.purpose {
-            Purpose::Turn => self.figures.turns.push(error),
+            Purpose::Turn | Purpose::Approach => self.figures.turns.push(error),
             // The vehicle begins beside the first pass.
             Purpose::Leg if place.along >= 0.0 => self.figures.passes.push(error),
             Purpose::Leg => {}
@@ -505,6 +506,58 @@ fn a_pause_in_a_pass() {
     let figures = &run.figures;
     assert_eq!(figures.switched.len(), 4);
     assert!(Figures::worst(&figures.passes) < 0.05);
+}
+
+/// From anywhere in the field the vehicle drives to a pass and goes on there.
+#[test]
+fn a_pass_is_approached() {
+    let task = at_one();
+    let settings = Settings::<f32>::for_vehicle(&task.vehicle).unwrap();
+    let wanted = mission_settings(&settings, task.turn_speed);
+    let field = Field {
+        passes: 4,
+        length: 40.0,
+        ..task.field()
+    };
+    let (legs, fence) = (field.legs_and_way_out::<f32>(), field.fence::<f32>());
+    let plan = Legs {
+        origin: Position::new(0, 0),
+        legs: &legs,
+        fence: &fence,
+        end: End::Stop,
+    };
+    for (seed, north, east, heading) in [
+        (1, 20.0, 0.0, 0.5),
+        (2, 30.0, 8.0, -2.0),
+        (3, 12.0, 10.0, 3.0),
+        (4, 5.0, 4.0, -1.5),
+    ] {
+        let mut run = Drive::new(&task, settings, &plan, wanted, seed);
+        (run.plant.north, run.plant.east, run.plant.heading) = (north, east, heading);
+        // The heading is known once the vehicle has moved two metres ahead.
+        let from = Pose {
+            north: (north + 2.0 * heading.cos()) as f32,
+            east: (east + 2.0 * heading.sin()) as f32,
+            heading: heading as f32,
+        };
+        // The third pass, 15 m from its beginning.
+        run.planner = Planner::approaching(wanted, &plan, (2, 15.0), from).unwrap();
+        while !run.step() {
+            assert!(run.plant.time < 400.0, "it never ends");
+        }
+        let (passes, turns) = (&run.figures.passes, &run.figures.turns);
+        let worst = (Figures::worst(passes), Figures::worst(turns));
+        println!(
+            "seed {seed}: {:.1} cm on passes, {:.1} cm before",
+            worst.0 * 100.0,
+            worst.1 * 100.0
+        );
+        assert!(worst.0 < 0.05 && worst.1 < 0.15, "{worst:?}");
+        // On for the rest of the third pass, and for the fourth.
+        assert_eq!(run.figures.switched.len(), 4);
+        let rows = &run.figures.covered;
+        assert_eq!((rows[140].len(), rows[200].len()), (1, 2));
+    }
 }
 
 #[test]

@@ -236,7 +236,7 @@ fn follow(plan: &Legs<f64>, metres: f64) -> (Vec<usize>, usize, bool) {
         if (there.purpose, there.leg) != before {
             match there.purpose {
                 Purpose::Leg => legs.push(there.leg),
-                Purpose::Turn => turns += 1,
+                Purpose::Turn | Purpose::Approach => turns += 1,
             }
             before = (there.purpose, there.leg);
         }

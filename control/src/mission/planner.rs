@@ -32,7 +32,7 @@ pub enum Step<T> {
     Piece(Piece<T>),
     /// Nothing, because the whole mission is planned.
     Done,
-    /// There is no turn behind this leg. The path ends there.
+    /// There is no turn behind this leg, or no way to it. The path ends there.
     NoTurn {
         /// The leg, counted from zero.
         leg: usize,
@@ -41,16 +41,29 @@ pub enum Step<T> {
     },
 }
 
+/// A turn on the way to a leg.
+#[derive(Clone, Copy, Debug)]
+struct Way<T> {
+    purpose: Purpose,
+    /// The leg before it, or for an approach the leg to which it leads.
+    leg: usize,
+    /// The vehicle's pose at its next part.
+    start: Pose<T>,
+    /// Distance driven on it up to there, m.
+    from: T,
+    /// The leg that it leads to, and the place on that, m.
+    to: (usize, T),
+}
+
 /// What the planner does next.
 #[derive(Clone, Copy, Debug)]
 enum Stage<T> {
     /// Hands out a leg from a distance along it on.
     Leg(usize, T),
-    /// Looks for the turn behind a leg.
-    Search(usize, TurnPlan<T>),
-    /// Hands out a turn: the leg before it, the turn, its next part, the pose there and the
-    /// distance driven.
-    Turn(usize, Turn<T>, usize, Pose<T>, T),
+    /// Looks for a turn.
+    Search(Way<T>, TurnPlan<T>),
+    /// Hands out a turn from this part on.
+    Turn(Way<T>, Turn<T>, usize),
     /// The mission has no more legs.
     Done,
     /// There is no turn.
@@ -81,43 +94,68 @@ impl<T: Scalar> Planner<T> {
         }
     }
 
+    /// A planner that first leads the vehicle from the pose `from` to the place `along` metres along
+    /// a `leg`, by the shortest way inside the fence that ends there straight. The leg should be
+    /// straight at that place, and the wheels at the beginning.
+    ///
+    /// # Errors
+    /// [`TurnError`] if there is no such leg or a number is not usable.
+    pub fn approaching<M: Mission<T>>(
+        settings: MissionSettings<T>,
+        mission: &M,
+        (leg, along): (usize, T),
+        from: Pose<T>,
+    ) -> Result<Self, TurnError> {
+        let to = mission.leg(leg).ok_or(TurnError::Pose)?;
+        let end = to.part().pose(to.start, along);
+        let plan = TurnPlan::new(from, end, &settings.turn)?;
+        let way = Way {
+            purpose: Purpose::Approach,
+            leg,
+            start: from,
+            from: T::zero(),
+            to: (leg, along),
+        };
+        Ok(Self {
+            settings,
+            stage: Stage::Search(way, plan),
+        })
+    }
+
     /// One step: at most one piece, or one step of a [`TurnPlan`]. A piece is handed out once:
     /// call this only while [`Stretch::retire`] tells of room.
     pub fn step<M: Mission<T>>(&mut self, mission: &M) -> Step<T> {
         match &mut self.stage {
             &mut Stage::Leg(number, along) => self.leg(mission, number, along),
-            Stage::Search(number, plan) => {
-                let number = *number;
-                let Some(result) = plan.step(&Yard::of(mission, &self.settings)) else {
-                    return Step::Working;
-                };
-                self.stage = match (result, mission.leg(number)) {
-                    (Ok(turn), Some(leg)) => Stage::Turn(number, turn, 0, leg.end(), T::zero()),
-                    (Ok(_), None) => Stage::Done,
-                    (Err(error), _) => Stage::Stuck(number, error),
-                };
+            Stage::Search(way, plan) => {
+                if let Some(result) = plan.step(&Yard::of(mission, &self.settings)) {
+                    self.stage = match result {
+                        Ok(turn) => Stage::Turn(*way, turn, 0),
+                        Err(error) => Stage::Stuck(way.leg, error),
+                    };
+                }
                 Step::Working
             }
-            &mut Stage::Turn(number, turn, next, start, from) => {
-                let Some(part) = turn.parts().get(next) else {
-                    self.stage = match mission.after(number) {
-                        Some(after) => Stage::Leg(after, T::zero()),
-                        None => Stage::Done,
-                    };
+            Stage::Turn(way, turn, next) => {
+                let Some(part) = turn.parts().get(*next) else {
+                    let (leg, along) = way.to;
+                    self.stage = Stage::Leg(leg, along);
                     return Step::Working;
                 };
-                let end = part.end(start);
-                self.stage = Stage::Turn(number, turn, next + 1, end, from + part.length);
-                Step::Piece(Piece {
-                    segment: part.segment(start),
-                    leg: number,
-                    purpose: Purpose::Turn,
-                    from,
+                let piece = Piece {
+                    segment: part.segment(way.start),
+                    leg: way.leg,
+                    purpose: way.purpose,
+                    from: way.from,
                     speed: self.settings.speed_on(part, self.settings.turn_speed),
                     reverse: part.reverse,
                     outputs: 0,
                     last: false,
-                })
+                };
+                way.start = part.end(way.start);
+                way.from += part.length;
+                *next += 1;
+                Step::Piece(piece)
             }
             Stage::Done => Step::Done,
             &mut Stage::Stuck(leg, error) => Step::NoTurn { leg, error },
@@ -143,7 +181,8 @@ impl<T: Scalar> Planner<T> {
         }
     }
 
-    /// Why the path ends before the mission does, if it does: the leg behind which there is no turn.
+    /// Why the path ends before the mission does, if it does: the leg behind which there is no turn, or
+    /// to which there is no way.
     #[must_use]
     pub fn stuck(&self) -> Option<(usize, TurnError)> {
         match self.stage {
@@ -163,10 +202,19 @@ impl<T: Scalar> Planner<T> {
         self.stage = match next {
             None => Stage::Done,
             Some((after, _)) if leg.join == Join::Continue => Stage::Leg(after, T::zero()),
-            Some((_, next)) => turn_between(&leg, &next, &self.settings).map_or_else(
-                |error| Stage::Stuck(number, error),
-                |plan| Stage::Search(number, plan),
-            ),
+            Some((after, next)) => {
+                let way = Way {
+                    purpose: Purpose::Turn,
+                    leg: number,
+                    start: leg.end(),
+                    from: T::zero(),
+                    to: (after, T::zero()),
+                };
+                turn_between(&leg, &next, &self.settings).map_or_else(
+                    |error| Stage::Stuck(number, error),
+                    |plan| Stage::Search(way, plan),
+                )
+            }
         };
         let begun = along > T::zero() && along < leg.length;
         let from = if begun { along } else { T::zero() };

@@ -24,6 +24,8 @@ pub enum Purpose {
     Leg,
     /// The turn behind a leg.
     Turn,
+    /// The way to a leg, from where the vehicle was.
+    Approach,
 }
 
 /// A piece of a mission's path.
@@ -31,11 +33,11 @@ pub enum Purpose {
 pub struct Piece<T> {
     /// The segment. Its heading is the direction of travel.
     pub segment: Segment<T>,
-    /// The leg that it is, or behind which it is a turn.
+    /// The leg that it is, behind which it is a turn, or to which it leads.
     pub leg: usize,
-    /// Leg or turn.
+    /// What it is for.
     pub purpose: Purpose,
-    /// Distance along the leg or the turn at its beginning, m.
+    /// Distance along the leg, the turn or the approach at its beginning, m.
     pub from: T,
     /// Largest speed on it, m/s.
     pub speed: T,
@@ -50,11 +52,11 @@ pub struct Piece<T> {
 /// Where the vehicle is in its mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Whereabouts<T> {
-    /// The leg, counted from zero; during a turn the one before it.
+    /// The leg, counted from zero; during a turn the one before it, on an approach the one ahead.
     pub leg: usize,
-    /// Leg or turn.
+    /// Whether it is on the leg.
     pub purpose: Purpose,
-    /// Distance along the leg or the turn, m.
+    /// Distance along the leg, the turn or the approach, m.
     pub along: T,
 }
 
