@@ -236,16 +236,17 @@ pub struct Tracking<T> {
     /// Distance along it, m.
     pub along: T,
     /// Cross-track error of the controlled point, m, positive to the right of
-    /// the path.
+    /// the path, seen in the direction of travel.
     pub cross_track: T,
     /// Heading, rad clockwise from north, in (-pi, pi].
     pub heading: T,
-    /// Heading relative to the path, rad, in (-pi, pi].
+    /// Direction of travel relative to the path, rad, in (-pi, pi]: in reverse, that of the
+    /// vehicle's rear.
     pub heading_error: T,
     /// Steering angle, corrected by its estimated bias, rad, positive to the
     /// right.
     pub steering_angle: T,
-    /// Speed of the rear axle, m/s.
+    /// Speed of the rear axle, m/s, negative in reverse.
     pub speed: T,
 }
 
@@ -283,6 +284,9 @@ pub struct Outcome<T> {
     pub verdict: Verdict,
 }
 
+/// Speed below which a vehicle whose route lets it wait counts as standing, m/s.
+const STANDING: f64 = 0.05;
+
 /// The controller and its state. R is the kind of route that it follows.
 #[derive(Clone, Copy, Debug)]
 pub struct Controller<T, R = Path<T>> {
@@ -296,6 +300,8 @@ pub struct Controller<T, R = Path<T>> {
     position_age: T,
     /// Sine and cosine of the crab angle.
     crab: (T, T),
+    /// True if the law drives backwards.
+    reverse: bool,
 }
 
 impl<T: Scalar> Controller<T> {
@@ -344,6 +350,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
             position_age: settings.stale_after + T::one(),
             crab: (T::zero(), T::one()),
+            reverse: false,
         })
     }
 
@@ -355,9 +362,26 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         self.guidance.reset();
     }
 
+    /// The route being followed.
+    #[must_use]
+    pub fn route(&self) -> &R {
+        &self.route
+    }
+
+    /// The route, to add to it while it is followed.
+    pub fn route_mut(&mut self) -> &mut R {
+        &mut self.route
+    }
+
+    /// Progress along the route.
+    #[must_use]
+    pub fn progress(&self) -> &Progress<T> {
+        &self.progress
+    }
+
     /// Sets the crab angle (rad) by which the body points to the right of its
-    /// course, as on a side slope. A single antenna cannot measure it. It matters
-    /// only if the controlled point is not beside the antenna.
+    /// course when it drives forward, as on a side slope. A single antenna cannot measure it. It
+    /// matters only if the controlled point is not beside the antenna.
     pub fn set_crab(&mut self, crab: T) {
         if crab.is_finite() {
             self.crab = crab.sine_cosine();
@@ -421,9 +445,21 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             self.position_age += sample.dt;
         }
         let estimate = self.estimator.estimate();
+        let mut progress = self.progress;
         let place = self
             .route
-            .advance(&mut self.progress, estimate.north, estimate.east);
+            .advance(&mut progress, estimate.north, estimate.east);
+        // Before the vehicle's place is known, it makes no progress.
+        if self.estimator.is_ready() {
+            self.progress = progress;
+        }
+        let reverse = self.route.reverse(&self.progress);
+        if reverse != self.reverse {
+            // The integral and a movement of the steering are those of the other direction.
+            self.reverse = reverse;
+            self.guidance.reset();
+            self.hold = Hold::new();
+        }
         let (tracking, sine) = self.locate(&estimate, &place);
         let proposed = if sample.engaged {
             self.law(&tracking, sine, sample.dt)
@@ -449,17 +485,24 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
     }
 
     /// The vehicle at `place`, and the sine of its heading error.
+    ///
+    /// In reverse, everything is that of a vehicle that travels forward with its points ahead and
+    /// to the right behind and to the left.
     fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> (Tracking<T>, T) {
-        let heading_error = wrap_angle(estimate.heading - place.bearing);
-        let ahead = self.settings.controlled_point;
+        let heading_error = if self.route.reverse(&self.progress) {
+            wrap_angle(estimate.heading + T::pi() - place.bearing)
+        } else {
+            wrap_angle(estimate.heading - place.bearing)
+        };
+        let ahead = self.travelled(self.settings.controlled_point);
         let (course, along_course) = heading_error.sine_cosine();
-        let (crab, along_crab) = self.crab;
+        let (crab, along_crab) = (self.travelled(self.crab.0), self.crab.1);
         let body = course * along_crab + along_course * crab;
         let along_body = along_course * along_crab - course * crab;
         // The estimator assumes that the body points along the course. The
         // crab angle turns the antenna's lever, which shifts the rear axle.
-        let l1 = self.settings.estimator.geometry.l1;
-        let right = self.settings.estimator.antenna.right;
+        let l1 = self.travelled(self.settings.estimator.geometry.l1);
+        let right = self.travelled(self.settings.estimator.antenna.right);
         let shift = l1 * (course - body) + right * (along_course - along_body);
         let tracking = Tracking {
             segment: self.progress.segment,
@@ -473,20 +516,45 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         (tracking, course)
     }
 
+    /// A length, angle or speed of the vehicle as that of its travel.
+    ///
+    /// The rear axle of a vehicle that drives backwards moves as that of one that drives
+    /// forward with its wheels to the other side: if the direction of travel is c = heading + pi
+    /// and its speed u = -V, then dc/dt = V tan(a) / L = u tan(-a) / L. So the law and its gains,
+    /// which are those of the rear axle, hold for u and -a.
+    fn travelled(&self, value: T) -> T {
+        // Asked of the route, which for most kinds is a constant.
+        if self.route.reverse(&self.progress) {
+            -value
+        } else {
+            value
+        }
+    }
+
     fn law(&mut self, tracking: &Tracking<T>, sine: T, dt: T) -> Option<Command<T>> {
-        let speed = self.settings.cruise;
+        let travel = self.travelled(tracking.speed);
+        let cruise = self.settings.cruise;
+        let planned = self.route.speed(&self.progress, travel);
         if !self.estimator.is_ready() {
             // Drive straight: the heading is observable only in motion.
             return Some(Command {
                 steering_rate: T::zero(),
-                speed,
+                speed: match planned {
+                    Some(speed) if speed < cruise => speed,
+                    _ => cruise,
+                },
             });
         }
         let lost = self.settings.lost;
         if !(self.estimator.largest_position_variance() <= lost * lost) {
             return None;
         }
-        if self.progress.finished {
+        if self.progress.finished || !self.route.is_ready(&self.progress) {
+            return Some(Command::still());
+        }
+        let speed = planned.unwrap_or(cruise);
+        if planned.is_some() && !(speed > T::zero()) && travel.abs() < T::lit(STANDING) {
+            // A vehicle that waits does not turn its wheels.
             return Some(Command::still());
         }
         let effectiveness = self.estimator.effectiveness();
@@ -502,19 +570,38 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             gentle.at(tracking.speed)
         };
         let target = self.guidance.steer(&deviation, share, &gains, dt);
-        let error = target.angle - tracking.steering_angle;
+        let error = target.angle - deviation.steering_angle;
         let rate = self
             .hold
             .rate(&self.settings.hold, error, target.follow, dt);
+        let rate = rate + self.feed_forward(&deviation, dt);
+        // A vehicle that still rolls the other way is stopped first.
+        let speed = if planned.is_some() && travel < -T::lit(STANDING) {
+            T::zero()
+        } else {
+            speed
+        };
         Some(Command {
-            steering_rate: rate / effectiveness,
-            speed,
+            steering_rate: self.travelled(rate / effectiveness),
+            speed: self.travelled(speed),
         })
     }
 
+    /// Steering rate (rad/s) with which the wheels follow the curvature of the route over the
+    /// next `dt` (s), if they can.
+    fn feed_forward(&self, at: &Deviation<T>, dt: T) -> T {
+        match self.route.next_curvature(&self.progress, at.speed * dt) {
+            Some(next) if next != at.curvature => {
+                (self.guidance.angle_for(next) - self.guidance.angle_for(at.curvature)) / dt
+            }
+            _ => T::zero(),
+        }
+    }
+
     fn deviation(&self, tracking: &Tracking<T>, sine: T, effectiveness: T) -> Deviation<T> {
-        let forward = if tracking.speed > T::zero() {
-            tracking.speed
+        let travel = self.travelled(tracking.speed);
+        let forward = if travel > T::zero() {
+            travel
         } else {
             T::zero()
         };
@@ -527,14 +614,15 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             curvature_ahead,
         } = self.route.bend(&self.progress, ahead, way);
         Deviation {
-            cross_track: tracking.cross_track - self.settings.controlled_point * sine,
+            cross_track: tracking.cross_track
+                - self.travelled(self.settings.controlled_point) * sine,
             // On a straight route there is nothing to wrap.
             heading: if turn == T::zero() {
                 tracking.heading_error
             } else {
                 wrap_angle(tracking.heading_error - turn)
             },
-            steering_angle: tracking.steering_angle,
+            steering_angle: self.travelled(tracking.steering_angle),
             speed: forward,
             curvature,
             curvature_ahead,

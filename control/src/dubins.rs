@@ -209,7 +209,7 @@ pub fn shortest_to_line<T: Scalar>(
 }
 
 /// `angle` brought into [0, 2 pi).
-fn turn_forward<T: Scalar>(angle: T) -> T {
+pub(crate) fn turn_forward<T: Scalar>(angle: T) -> T {
     let wrapped = wrap_angle(angle);
     // A small negative angle is zero with a rounding error, not a full turn.
     if wrapped < -T::default_epsilon() * T::lit(16.0) {

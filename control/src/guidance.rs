@@ -415,7 +415,7 @@ impl<T: Scalar> Guidance<T> {
     }
 
     /// Steering angle for a curvature (1/m), rad.
-    fn angle_for(&self, curvature: T) -> T {
+    pub(crate) fn angle_for(&self, curvature: T) -> T {
         if curvature == T::zero() {
             return T::zero();
         }

@@ -1,22 +1,27 @@
 //! Paths of several segments: passes across the field, joined by headland
 //! turns or by arcs at their corners. Coordinates are in the estimator's frame.
 
+use crate::clothoid::travel;
 use crate::dubins::{DubinsError, Pose, advance, shortest};
 use crate::line::{Line, LineError};
 use crate::position::Position;
-use crate::scalar::{Scalar, wrap_angle};
+use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
 
 /// Largest number of segments of a path. Four passes with three headland turns
 /// of three pieces each need thirteen.
 pub const CAPACITY: usize = 16;
 
-/// A straight piece or an arc.
+/// A straight piece, an arc or a clothoid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Segment<T> {
     /// Pose at its beginning, relative to the path's origin.
     pub start: Pose<T>,
-    /// Curvature, 1/m, positive to the right; zero for a straight piece.
+    /// Curvature at its beginning, 1/m, positive to the right; zero for a straight
+    /// piece.
     pub curvature: T,
+    /// Change of the curvature with each metre, 1/m^2; zero for a straight piece
+    /// and for an arc.
+    pub sharpness: T,
     /// Length, m.
     pub length: T,
 }
@@ -67,9 +72,17 @@ impl core::error::Error for PathError {}
 impl<T: Scalar> Segment<T> {
     /// Position of the point `north`, `east` (m) relative to this segment.
     /// `near` is the point's last known distance along the segment: on an arc of
-    /// more than a full circle it selects the right round.
+    /// more than a full circle it selects the right round, and on a clothoid the
+    /// search begins there.
+    ///
+    /// On a clothoid the result is exact for a point closer to it than half its
+    /// smallest radius, if `near` is within half a radian of turn. From elsewhere
+    /// the search may end early; the next call continues it.
     #[must_use]
     pub fn locate(&self, north: T, east: T, near: T) -> Place<T> {
+        if self.sharpness != T::zero() {
+            return self.locate_on_clothoid(north, east, near);
+        }
         let (sine, cosine) = self.start.heading.sine_cosine();
         let (dn, de) = (north - self.start.north, east - self.start.east);
         let along = cosine * dn + sine * de;
@@ -100,10 +113,85 @@ impl<T: Scalar> Segment<T> {
         }
     }
 
+    /// Newton's method for the place where the vector to the point is square to the
+    /// clothoid.
+    fn locate_on_clothoid(&self, north: T, east: T, near: T) -> Place<T> {
+        let exact = T::default_epsilon().root();
+        let end = self.curvature_at(self.length);
+        let largest = if self.curvature.abs() > end.abs() {
+            self.curvature.abs()
+        } else {
+            end.abs()
+        };
+        let mut along = near;
+        let mut place = Place {
+            along,
+            cross_track: T::zero(),
+            bearing: self.start.heading,
+        };
+        // loop-bound: 8. The error is squared in each turn: three are usual.
+        for _ in 0..8 {
+            let on = self.pose(along);
+            let curvature = self.curvature_at(along);
+            let (sine, cosine) = on.heading.sine_cosine();
+            let (dn, de) = (north - on.north, east - on.east);
+            let ahead = cosine * dn + sine * de;
+            let right = cosine * de - sine * dn;
+            // Near the centre of curvature all places are about equally close, and a
+            // step would be too long.
+            let closing = T::one() - curvature * right;
+            let least = T::lit(0.25);
+            let step = ahead / if closing > least { closing } else { least };
+            let step = if step.abs() * largest > T::one() {
+                clamp_symmetric(step, T::one() / largest)
+            } else {
+                step
+            };
+            along += step;
+            place = Place {
+                along,
+                cross_track: right,
+                bearing: wrap_angle(on.heading + curvature * step),
+            };
+            if !(step.abs() > exact) {
+                break;
+            }
+        }
+        place
+    }
+
+    /// The pose at `along` metres. Before its beginning and beyond its end a clothoid
+    /// continues with the curvature that it has there.
+    #[must_use]
+    pub fn pose(&self, along: T) -> Pose<T> {
+        if self.sharpness == T::zero() || along < T::zero() {
+            return advance(self.start, self.curvature, along);
+        }
+        if along > self.length {
+            let end = self.curvature_at(self.length);
+            return advance(self.end(), end, along - self.length);
+        }
+        travel(self.start, self.curvature, self.sharpness, along)
+    }
+
+    /// The curvature (1/m) at `along` metres; that of the nearer end before the
+    /// beginning and beyond the end.
+    #[must_use]
+    pub fn curvature_at(&self, along: T) -> T {
+        let inside = if !(along > T::zero()) {
+            T::zero()
+        } else if along > self.length {
+            self.length
+        } else {
+            along
+        };
+        self.curvature + self.sharpness * inside
+    }
+
     /// The pose at the segment's end.
     #[must_use]
     pub fn end(&self) -> Pose<T> {
-        advance(self.start, self.curvature, self.length)
+        travel(self.start, self.curvature, self.sharpness, self.length)
     }
 }
 
@@ -225,6 +313,7 @@ impl<T: Scalar> Path<T> {
                     heading: T::zero(),
                 },
                 curvature: T::zero(),
+                sharpness: T::zero(),
                 length: T::zero(),
             }; CAPACITY],
             count: 0,
@@ -237,6 +326,7 @@ impl<T: Scalar> Path<T> {
         *slot = Segment {
             start: Pose { heading, ..end },
             curvature,
+            sharpness: T::zero(),
             length,
         };
         self.count += 1;
@@ -282,45 +372,85 @@ impl<T: Scalar> Path<T> {
     /// follow the jumps between straight pieces and arcs.
     #[must_use]
     pub fn smoothed(&self, number: usize, along: T, half: T) -> Smoothed<T> {
-        let mut curvature = T::zero();
-        let mut turn = T::zero();
-        // The mean heading relative to the heading at `along` is the curvature
-        // weighted by distance. This is the integral of that weight.
-        let weight = |at: T| half * at.abs() - at * at * T::lit(0.5);
-        let mut add = |begin: T, segment: &Segment<T>| {
-            let from = if begin - along > -half {
-                begin - along
-            } else {
-                -half
-            };
-            let end = begin + segment.length;
-            let to = if end - along < half {
-                end - along
-            } else {
-                half
-            };
-            if to > from {
-                curvature += segment.curvature * (to - from);
-                turn += segment.curvature * (weight(to) - weight(from));
-            }
-        };
+        let mut mean = Averaged::over(half);
         let mut begin = T::zero();
         // loop-bound: 16. A path has up to CAPACITY segments.
         for segment in self.segments().iter().skip(number) {
-            add(begin, segment);
+            mean.add(begin, along, segment);
             begin += segment.length;
         }
         let mut begin = T::zero();
         // loop-bound: 16. A path has up to CAPACITY segments.
         for segment in self.segments().iter().take(number).rev() {
             begin -= segment.length;
-            add(begin, segment);
+            mean.add(begin, along, segment);
         }
-        let width = half + half;
+        mean.result()
+    }
+}
+
+/// Sums for the averages of curvature and heading about a place.
+#[derive(Clone, Copy, Debug)]
+struct Averaged<T> {
+    half: T,
+    curvature: T,
+    turn: T,
+}
+
+impl<T: Scalar> Averaged<T> {
+    /// Averages over `half` metres to either side.
+    fn over(half: T) -> Self {
+        Self {
+            half,
+            curvature: T::zero(),
+            turn: T::zero(),
+        }
+    }
+
+    /// Adds what the `segment` contributes. It begins `begin` metres from where the
+    /// place is at `along` metres.
+    fn add(&mut self, begin: T, along: T, segment: &Segment<T>) {
+        let half = self.half;
+        // The mean heading relative to the heading at the place is the curvature
+        // weighted by distance. This is the integral of that weight.
+        let weight = |at: T| half * at.abs() - at * at * T::lit(0.5);
+        let from = if begin - along > -half {
+            begin - along
+        } else {
+            -half
+        };
+        let end = begin + segment.length;
+        let to = if end - along < half {
+            end - along
+        } else {
+            half
+        };
+        if !(to > from) {
+            return;
+        }
+        // Curvature of the segment, continued to the place.
+        let here = if segment.sharpness == T::zero() {
+            segment.curvature
+        } else {
+            segment.curvature + segment.sharpness * (along - begin)
+        };
+        self.curvature += here * (to - from);
+        self.turn += here * (weight(to) - weight(from));
+        if segment.sharpness != T::zero() {
+            // The integral of the weight times the distance.
+            let moment = |at: T| at * at.abs() * half * T::lit(0.5) - at * at * at / T::lit(3.0);
+            let square = (to - from) * (to + from) * T::lit(0.5);
+            self.curvature += segment.sharpness * square;
+            self.turn += segment.sharpness * (moment(to) - moment(from));
+        }
+    }
+
+    fn result(&self) -> Smoothed<T> {
+        let width = self.half + self.half;
         if width > T::zero() {
             Smoothed {
-                curvature: curvature / width,
-                turn: turn / width,
+                curvature: self.curvature / width,
+                turn: self.turn / width,
             }
         } else {
             Smoothed {

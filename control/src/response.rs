@@ -39,8 +39,8 @@ pub enum Departure {
     Steering,
     /// The speed over ground is not the commanded one: the drive is dead, slips, or runs away.
     Speed,
-    /// The course does not turn as the steering angle says: the vehicle drives backwards, or the potentiometer
-    /// shows another angle than the wheels have.
+    /// The course does not turn as the steering angle says: the vehicle drives the other way than it is told, or the
+    /// potentiometer shows another angle than the wheels have.
     Course,
     /// The vehicle was on its path and has left it.
     Path,
@@ -55,6 +55,8 @@ pub struct ResponseSettings<T> {
     pub limits: Limits<T>,
     /// Distance of the axles, m, positive.
     pub wheelbase: T,
+    /// Distance of the antenna ahead of the rear axle, m.
+    pub antenna_ahead: T,
     /// Speed up to which a velocity does not tell a heading, m/s, positive.
     pub standstill: T,
 }
@@ -66,6 +68,7 @@ impl<T: Scalar> ResponseSettings<T> {
         Self {
             limits: settings.limits,
             wheelbase: settings.estimator.geometry.wheelbase(),
+            antenna_ahead: settings.estimator.geometry.l1,
             standstill: settings.estimator.standstill,
         }
     }
@@ -142,6 +145,8 @@ pub struct ResponseWatch<T> {
     /// The last steering angle and the last course that were measured, rad.
     angle: Option<T>,
     course: Option<T>,
+    /// True if the last command was to drive backwards.
+    reverse: bool,
     steering_wrong: Streak,
     course_wrong: Streak,
     speed_wrong: Streak,
@@ -164,6 +169,7 @@ impl<T: Scalar> ResponseWatch<T> {
             speed: Pair::new(),
             angle: None,
             course: None,
+            reverse: false,
             steering_wrong: Streak::default(),
             course_wrong: Streak::default(),
             speed_wrong: Streak::default(),
@@ -240,16 +246,32 @@ impl<T: Scalar> ResponseWatch<T> {
             self.course = None;
             return false;
         };
+        let reverse = seen.applied.speed < T::zero();
+        if reverse != self.reverse {
+            // The course is that of the other end of the vehicle now.
+            self.reverse = reverse;
+            self.course = None;
+        }
         let (speed, course) = Self::over_ground(velocity);
         // Slowly the course is noise.
         if speed < T::lit(0.3).max(self.settings.standstill) {
             self.course = None;
             return false;
         }
+        let bend = angle.tangent() / self.settings.wheelbase;
+        let (turn, course) = if reverse {
+            // The antenna moves to the side to which the wheels turn, although the vehicle turns to the other one.
+            let lead = (bend * self.settings.antenna_ahead).angle_of(T::one());
+            (-speed * bend * seen.dt, course - lead)
+        } else {
+            (
+                speed * angle.tangent() / self.settings.wheelbase * seen.dt,
+                course,
+            )
+        };
         let Some(before) = self.course.replace(course) else {
             return false;
         };
-        let turn = speed * angle.tangent() / self.settings.wheelbase * seen.dt;
         let turned = wrap_angle(course - before);
         self.turn.add(turn, turned, seen.dt, T::lit(2.0));
         let wrong = self

@@ -32,6 +32,30 @@ pub trait Route<T: Scalar> {
     /// extend over the distance that the steering needs, where `way` (m, positive) is the distance
     /// that the vehicle drives while it travels to a swing's angle.
     fn bend(&self, progress: &Progress<T>, ahead: T, way: T) -> Bend<T>;
+
+    /// Curvature (1/m) `way` metres ahead of `progress`, if a steering of limited rate can follow the
+    /// route's curvature exactly. The law then moves the steering with it, and
+    /// [`Bend::curvature_ahead`] is the curvature beside the vehicle.
+    fn next_curvature(&self, _progress: &Progress<T>, _way: T) -> Option<T> {
+        None
+    }
+
+    /// False while the route is not known at `progress`. The vehicle then stands.
+    fn is_ready(&self, _progress: &Progress<T>) -> bool {
+        true
+    }
+
+    /// True if the vehicle drives backwards at `progress`. Bearings and curvatures are those of
+    /// the travel then, too.
+    fn reverse(&self, _progress: &Progress<T>) -> bool {
+        false
+    }
+
+    /// The largest speed (m/s, not negative) at `progress` when the vehicle travels at `speed` (m/s);
+    /// `None` for the cruise speed of the settings.
+    fn speed(&self, _progress: &Progress<T>, _speed: T) -> Option<T> {
+        None
+    }
 }
 
 impl<T: Scalar> Route<T> for Line<T> {

@@ -22,7 +22,7 @@ proptest! {
         along in 0.0_f64..9.0, cross in -1.5_f64..1.5, nudge in -1.0_f64..1.0,
     ) {
         let start = Pose { north, east, heading };
-        let segment = Segment { start, curvature, length: 10.0 };
+        let segment = Segment { start, curvature, sharpness: 0.0, length: 10.0 };
         let on = advance(start, curvature, along);
         let place = segment.locate(
             on.north - cross * on.heading.sin(),

@@ -13,6 +13,7 @@ const SETTINGS: ResponseSettings<f64> = ResponseSettings {
         speed: 2.0,
     },
     wheelbase: 1.1,
+    antenna_ahead: 0.255,
     standstill: 0.2,
 };
 
@@ -144,6 +145,39 @@ fn a_course_that_does_not_turn_with_the_wheels_is_found() {
         assert_eq!(what, Departure::Course);
         assert!((20..=40).contains(&step), "{step}");
     }
+}
+
+/// In reverse the course turns the other way, and the antenna ahead of the axle first moves to the
+/// side of the wheels.
+#[test]
+fn a_vehicle_in_reverse_turns_the_other_way() {
+    let turning = |sign: f64| {
+        let mut heading = 0.0_f64;
+        let mut watch = ResponseWatch::new(SETTINGS);
+        (1..=200).find_map(|step| {
+            let angle = (f64::from(step) * 0.02).min(0.35);
+            let bend = angle.tan() / SETTINGS.wheelbase;
+            heading -= sign * bend * 0.1;
+            let lead = (bend * SETTINGS.antenna_ahead).atan();
+            let course = heading + std::f64::consts::PI + lead;
+            let velocity = Velocity::new(
+                (1000.0 * course.cos()).round() as i32,
+                (1000.0 * course.sin()).round() as i32,
+            );
+            let seen = Response {
+                applied: Command {
+                    steering_rate: if step < 18 { 0.2 } else { 0.0 },
+                    speed: -1.0,
+                },
+                steering_angle: Some(angle),
+                velocity: Some(velocity),
+                ..SOUND
+            };
+            watch.step(&seen)
+        })
+    };
+    assert_eq!(turning(1.0), None);
+    assert_eq!(turning(-1.0), Some(Departure::Course));
 }
 
 #[test]

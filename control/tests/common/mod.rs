@@ -4,6 +4,7 @@
 #![allow(dead_code, reason = "each test uses some of it")]
 
 pub(crate) mod example;
+pub(crate) mod field;
 
 use control::calibration::{Actuator, Direction};
 use control::position::{Position, Velocity};
