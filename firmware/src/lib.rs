@@ -41,6 +41,7 @@ pub mod leader;
 pub mod link;
 pub mod log;
 pub mod machine;
+pub mod mission;
 pub mod navigation;
 pub mod oscillator;
 pub mod peers;

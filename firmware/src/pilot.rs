@@ -493,6 +493,16 @@ impl<M: Machine> Pilot<M> {
         &mut self.guide
     }
 
+    /// The law that steers.
+    pub const fn law(&self) -> &M::Law {
+        &self.controller
+    }
+
+    /// The same, to change what it follows.
+    pub const fn law_mut(&mut self) -> &mut M::Law {
+        &mut self.controller
+    }
+
     /// Steps so far; wraps.
     pub const fn steps(&self) -> u32 {
         self.steps

@@ -4,11 +4,17 @@ use core::fmt::Debug;
 
 use control::controller::{Controller, Outcome, Sample, Settings, SettingsError};
 use control::line::Line;
+use control::mission::Stretch;
 use control::plain::PlainController;
 use control::safety::Command;
 
+use crate::mission::Design;
+
 /// Furrow's law: an estimator, and the law on its estimates.
 pub type Furrow = Controller<f32, Line<f32>>;
+
+/// Furrow's law along a mission of any length, whose path is made while the vehicle drives.
+pub type Mission = Controller<f32, Stretch<f32>>;
 
 /// The thesis's law (7.3): state feedback from the sensors themselves.
 pub type Thesis = PlainController<f32>;
@@ -51,6 +57,36 @@ impl Law for Furrow {
         line: Line<f32>,
     ) -> Result<Self, SettingsError> {
         Self::following(settings, line)
+    }
+
+    fn update(&mut self, sample: &Sample<f32>) -> Outcome<f32> {
+        Self::update(self, sample)
+    }
+
+    fn predict(&mut self, applied: Command<f32>, dt: f32) {
+        Self::predict(self, applied, dt);
+    }
+
+    fn resume(&mut self, last: Command<f32>) {
+        Self::resume(self, last);
+    }
+
+    fn effectiveness(&self) -> f32 {
+        Self::effectiveness(self)
+    }
+}
+
+impl Law for Mission {
+    type Settings = Design;
+
+    /// Until its path is made, the vehicle stands.
+    fn new(
+        own: &Self::Settings,
+        settings: Settings<f32>,
+        line: Line<f32>,
+    ) -> Result<Self, SettingsError> {
+        let stretch = Stretch::new(line.origin(), own.settings(&settings).pace);
+        Self::following(settings, stretch)
     }
 
     fn update(&mut self, sample: &Sample<f32>) -> Outcome<f32> {

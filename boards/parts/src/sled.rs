@@ -198,6 +198,9 @@ pub struct Sled {
     /// The last erase unit of the flash, which is for the key of the network and holds no part of an
     /// image: so a new image leaves the key, and a new key the image.
     pub secret: Memory,
+    /// The erase unit below that, which is for a mission and holds no part of an image; `None` on a board that has
+    /// no room for one.
+    pub mission: Option<Memory>,
     /// What an image may use.
     pub budget: Budget,
     /// Ticks of the time base from an interrupt of the bus to the time stamp that its task
@@ -274,6 +277,12 @@ pub static SLED_F446: Sled = Sled {
         size: 128 * KIB,
         dma: true,
     },
+    mission: Some(Memory {
+        name: "MISSION",
+        base: 0x0804_0000,
+        size: 128 * KIB,
+        dma: true,
+    }),
     budget: Budget {
         flash: 128 * KIB,
         statics: 32 * KIB,
@@ -387,6 +396,7 @@ pub static SLED_F303: Sled = Sled {
         size: 2 * KIB,
         dma: true,
     },
+    mission: None,
     budget: Budget {
         flash: 60 * KIB,
         statics: 8 * KIB,
@@ -548,12 +558,16 @@ impl Sled {
         }
     }
 
-    /// The part of the flash that images are placed in: all below the key.
+    /// The part of the flash that images are placed in: all below the mission and the key.
     #[must_use]
     pub const fn program(&self) -> Memory {
         let flash = self.part.flash;
+        let end = match self.mission {
+            Some(mission) => mission.base,
+            None => self.secret.base,
+        };
         Memory {
-            size: self.secret.base - flash.base,
+            size: end - flash.base,
             ..flash
         }
     }
@@ -635,6 +649,9 @@ const _: () = {
             sled.part.flash.contains(sled.secret.base)
                 && sled.secret.end() == sled.part.flash.end()
         );
+        if let Some(mission) = &sled.mission {
+            assert!(mission.end() == sled.secret.base);
+        }
         assert!(stack_is_guarded(sled) && sled.budget.stack <= sled.stack.size);
         index += 1;
     }

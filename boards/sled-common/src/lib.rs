@@ -25,6 +25,7 @@ pub mod image;
 pub mod kept;
 pub mod lines;
 pub mod memory;
+pub mod mission;
 pub mod pulse;
 pub mod secret;
 pub mod selftest;

@@ -101,6 +101,8 @@ pub struct Sled {
     pub console: console::Console,
     /// The words in the place of the network's key.
     pub secret: [u32; sled_common::secret::WORDS],
+    /// The words in the place of a mission.
+    pub mission: &'static [u32],
     /// What the board found out about itself.
     pub findings: Findings,
     /// The LED.
@@ -188,6 +190,10 @@ impl Sled {
             alarms,
             can,
             secret: sled_common::secret::record(&FACTS.secret),
+            mission: FACTS
+                .mission
+                .as_ref()
+                .map_or(&[], sled_common::mission::words),
             findings,
             console,
             led: led::Led::new(port_a.pa5),

@@ -27,7 +27,7 @@ pub const OVERRIDES: &str = "FURROW_SET";
 ///
 /// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
 /// configuration `event_triggered` where the nodes send at once, `row_guidance` where rows guide a
-/// run without a fix, and `planner` where a planner may lead runs. Reports an error in the folder in
+/// run without a fix, `planner` where a planner may lead runs, and `mission` where runs drive missions. Reports an error in the folder in
 /// one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
@@ -54,7 +54,7 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
-    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner)");
+    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission)");
     let vehicle = Vehicle::read_with(folder, &overrides()?)?;
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
@@ -65,7 +65,10 @@ fn write() -> Result<(), Box<dyn Error>> {
     if vehicle.manifest().leading_planner().is_some() {
         println!("cargo::rustc-cfg=planner");
     }
-    if let Some(file) = vehicle.network_supplement() {
+    if vehicle.manifest().missions().is_some() {
+        println!("cargo::rustc-cfg=mission");
+    }
+    for file in vehicle.network_supplements() {
         println!("cargo::rerun-if-changed={}", file.display());
     }
     let guardian = vehicle.manifest().guardian.as_ref();

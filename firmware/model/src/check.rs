@@ -8,8 +8,8 @@ use parts::Sled;
 
 use crate::manifest::{
     BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
-    DistanceSignals, Machine, Manifest, Node, Planner, Protocol, Receiver, RegulatorWeights, Rover,
-    RowGuidance, SelfTest, SignalPath, SteeringGains, ThesisLaw,
+    DistanceSignals, Law, Machine, Manifest, Mission, Node, Planner, Protocol, Receiver,
+    RegulatorWeights, Rover, RowGuidance, SelfTest, SignalPath, SteeringGains, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -51,6 +51,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(planner) = &manifest.planner {
         self::planner(planner, manifest, network)?;
+    }
+    if let Some(mission) = &manifest.mission {
+        self::mission(mission, manifest)?;
     }
     if let Some(guardian) = &manifest.guardian {
         self::guardian(guardian, manifest, network)?;
@@ -734,6 +737,43 @@ fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<
     match ["Curvature", "Speed"].into_iter().find(|name| !has(name)) {
         Some(missing) => Err(format!(
             "planner.command: {command:?} has no signal {missing:?}"
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Checks missions, be they on or off.
+fn mission(mission: &Mission, manifest: &Manifest) -> Result<(), String> {
+    let Some(machine) = &manifest.machine else {
+        return Err("[mission] needs a [machine], which the manifest does not have".into());
+    };
+    above(
+        "mission.turn_speed",
+        mission.turn_speed,
+        machine.limits.speed.get(),
+    )?;
+    within("mission.reserve", mission.reserve, 0.0, 0.5)?;
+    within("mission.width", mission.width, 0.0, 20.0)?;
+    within("mission.ahead", mission.ahead, 0.0, 20.0)?;
+    within("mission.behind", mission.behind, 0.0, 20.0)?;
+    if !mission.enabled {
+        return Ok(());
+    }
+    if machine.law == Law::Thesis {
+        return Err(
+            "mission.enabled with machine.law \"thesis\": that law follows one line, so \"furrow\" is accepted".into(),
+        );
+    }
+    let operated = |node: &&Node| node.connector(Device::OperatorSwitches).is_some();
+    let boards = manifest.nodes.iter().filter(operated);
+    let room = |node: &Node| Sled::named(&node.board).is_some_and(|sled| sled.mission.is_some());
+    match boards
+        .filter(|node| !room(node))
+        .map(|node| &node.board)
+        .next()
+    {
+        Some(board) => Err(format!(
+            "mission.enabled: the board {board:?} of the node with the operator's switches has no room for a mission"
         )),
         None => Ok(()),
     }

@@ -14,8 +14,8 @@ use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Manifest, Planner,
-    Receiver, RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
+    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Manifest, Mission,
+    Planner, Receiver, RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
@@ -306,7 +306,7 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
                 &vehicle::source(&settings).to_string(),
             );
         }
-        steering_law(&mut out, machine);
+        steering_law(&mut out, machine, manifest.missions());
         let guide = guide(&mut out, machine, manifest).map_err(|error| VehicleError::Manifest {
             file: vehicle.manifest_file(),
             what: format!("row_guidance: {error}"),
@@ -324,9 +324,23 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
     Ok(out)
 }
 
+/// The Rust source of what a vehicle brings to its missions.
+fn missions(mission: &Mission) -> String {
+    let half_width = single(mission.width) * 0.5;
+    format!(
+        "::firmware::mission::Design {{ turn_speed: {:?}, reserve: {:?}, half_width: {half_width:?}, ahead: {:?}, \
+         behind: {:?} }}",
+        single(mission.turn_speed),
+        single(mission.reserve),
+        single(mission.ahead),
+        single(mission.behind),
+    )
+}
+
 /// The law that steers a machine.
-fn steering_law(out: &mut String, machine: &Machine) {
+fn steering_law(out: &mut String, machine: &Machine, mission: Option<&Mission>) {
     let (law, settings) = match machine.law {
+        Law::Furrow if let Some(mission) = mission => ("Mission", missions(mission)),
         Law::Furrow => ("Furrow", String::from("()")),
         Law::Thesis => {
             let gains = machine.thesis.array().map(|gain| gain as f32);

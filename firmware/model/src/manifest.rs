@@ -49,6 +49,8 @@ pub struct Manifest {
     pub row_guidance: Option<RowGuidance>,
     /// A planner that may lead runs; `None` if the vehicle is not meant to have one.
     pub planner: Option<Planner>,
+    /// Missions in place of the one line; `None` if the vehicle is not meant for them.
+    pub mission: Option<Mission>,
     /// The bus guardian; `None` if the vehicle is not meant to have one.
     pub guardian: Option<BusGuardian>,
     /// The satellite receiver; needed when one is wired.
@@ -85,11 +87,18 @@ impl Manifest {
         self.planner.as_ref().filter(|planner| planner.enabled)
     }
 
-    /// The name of a node whose messages stand in the file of its name with the ending `dbc`, if one is on.
-    pub(crate) fn supplement(&self) -> Option<&str> {
-        let rows = self.guidance_by_rows().map(|rows| &rows.node.name);
-        let planner = self.leading_planner().map(|planner| &planner.name);
-        rows.or(planner).map(String::as_str)
+    /// The missions, if they are on.
+    #[must_use]
+    pub fn missions(&self) -> Option<&Mission> {
+        self.mission.as_ref().filter(|mission| mission.enabled)
+    }
+
+    /// The names of the files, without the ending `dbc`, that have the messages of what is on.
+    pub(crate) fn supplements(&self) -> impl Iterator<Item = &str> {
+        let rows = self.guidance_by_rows().map(|rows| rows.node.name.as_str());
+        let planner = self.leading_planner().map(|planner| planner.name.as_str());
+        let mission = self.missions().map(|_| MISSION);
+        rows.into_iter().chain(planner).chain(mission)
     }
 
     /// The signal that says what guides the vehicle beside its path, if something else may.
@@ -713,6 +722,31 @@ pub struct RowGuidance {
     pub sensors: DistanceSensors,
     /// The rows.
     pub rows: CropRows,
+}
+
+/// The name of the files with what missions add to the others.
+pub(crate) const MISSION: &str = "mission";
+
+/// Missions: plans of any length in the flash of the controller's board, which an autonomous run drives in place of the
+/// line between the waypoints (`control::mission`). Without a mission in the flash it drives the line. While they are
+/// off, the images have nothing of them. What they add to the bus and to the task table stands in `mission.dbc` and
+/// `mission.tasks.toml`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mission {
+    /// Whether they are on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// Speed in headland turns, at most the machine's limit.
+    pub turn_speed: Speed,
+    /// Share of the steering's angle and rate that no path uses, 0 to 50 %: it is left for corrections.
+    pub reserve: Ratio,
+    /// Width over everything, for fences, 0 to 20 m.
+    pub width: Length,
+    /// From the rear axle to the front, for fences, 0 to 20 m.
+    pub ahead: Length,
+    /// From the rear axle to the rear, for fences, 0 to 20 m.
+    pub behind: Length,
 }
 
 /// A computer above the control layer that may lead autonomous runs: it sends a curvature and a speed in each basic

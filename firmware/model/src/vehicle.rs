@@ -9,7 +9,7 @@ use parts::Sled;
 use crate::check;
 use crate::design;
 use crate::error::VehicleError;
-use crate::manifest::{Device, Manifest, Node, Protocol};
+use crate::manifest::{Device, MISSION, Manifest, Node, Protocol};
 use crate::overrides::Overrides;
 use crate::text;
 
@@ -88,7 +88,7 @@ impl Vehicle {
         let (manifest, _) = Self::manifest_with(&folder, &text(&folder, MANIFEST)?, overrides)?;
         Ok(NetworkText {
             text: supplemented(&folder, &manifest, &text(&folder, NETWORK)?)?,
-            supplement: network_supplement(&folder, &manifest),
+            supplements: network_supplements(&folder, &manifest),
             file: folder.join(NETWORK),
         })
     }
@@ -263,21 +263,23 @@ impl Vehicle {
         self.folder.join(NETWORK)
     }
 
-    /// Path of what a switched-on node adds to its network file; `None` if there is no such node.
+    /// Paths of what adds to its network file because the manifest switches it on.
     #[must_use]
-    pub fn network_supplement(&self) -> Option<PathBuf> {
-        network_supplement(&self.folder, &self.manifest)
+    pub fn network_supplements(&self) -> Vec<PathBuf> {
+        network_supplements(&self.folder, &self.manifest)
     }
 
     /// Paths of what switched-on nodes add to its task table.
     #[must_use]
     pub fn task_supplements(&self) -> Vec<PathBuf> {
-        let rows = self.manifest.guidance_by_rows().map(|rows| &rows.node);
+        let rows = self.manifest.guidance_by_rows();
+        let rows = rows.map(|rows| rows.node.name.as_str());
         let guardian = self.manifest.bus_guardian();
-        let guardian = guardian.map(|guardian| &guardian.node);
-        let added = rows.into_iter().chain(guardian);
+        let guardian = guardian.map(|guardian| guardian.node.name.as_str());
+        let mission = self.manifest.missions().map(|_| MISSION);
+        let added = rows.into_iter().chain(guardian).chain(mission);
         added
-            .map(|node| self.folder.join(format!("{}.tasks.toml", node.name)))
+            .map(|name| self.folder.join(format!("{name}.tasks.toml")))
             .collect()
     }
 
@@ -358,9 +360,9 @@ impl Vehicle {
 pub struct NetworkText {
     /// Its path.
     pub file: PathBuf,
-    /// Path of what a switched-on node adds to it; `None` if there is no such node.
-    pub supplement: Option<PathBuf>,
-    /// The text of both.
+    /// Paths of what adds to it because the manifest switches it on.
+    pub supplements: Vec<PathBuf>,
+    /// The text of all.
     pub text: String,
 }
 
@@ -381,21 +383,24 @@ fn refused(folder: &Path, overrides: &Overrides, what: String) -> VehicleError {
     }
 }
 
-fn network_supplement(folder: &Path, manifest: &Manifest) -> Option<PathBuf> {
-    let node = manifest.supplement()?;
-    Some(folder.join(format!("{node}.dbc")))
+fn network_supplements(folder: &Path, manifest: &Manifest) -> Vec<PathBuf> {
+    let names = manifest.supplements();
+    names
+        .map(|name| folder.join(format!("{name}.dbc")))
+        .collect()
 }
 
-/// The text of the network file with what a switched-on node adds to it.
+/// The text of the network file with what adds to it because the manifest switches it on.
 fn supplemented(folder: &Path, manifest: &Manifest, network: &str) -> Result<String, VehicleError> {
-    let Some(file) = network_supplement(folder, manifest) else {
-        return Ok(network.into());
-    };
-    match fs::read_to_string(&file) {
-        Ok(text) => network_model::supplemented(network, &text)
-            .map_err(|what| VehicleError::Network { file, what }),
-        Err(error) => Err(VehicleError::Unreadable { file, error }),
-    }
+    let files = network_supplements(folder, manifest).into_iter();
+    files.fold(Ok(network.to_owned()), |network, file| {
+        let network = network?;
+        match fs::read_to_string(&file) {
+            Ok(text) => network_model::supplemented(&network, &text)
+                .map_err(|what| VehicleError::Network { file, what }),
+            Err(error) => Err(VehicleError::Unreadable { file, error }),
+        }
+    })
 }
 
 /// Reads the text of a manifest.

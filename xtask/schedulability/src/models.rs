@@ -99,8 +99,8 @@ pub struct Models {
 pub struct Supplements {
     /// The additions to the task table.
     pub tables: Vec<PathBuf>,
-    /// The addition to the network file.
-    pub network: Option<PathBuf>,
+    /// The additions to the network file.
+    pub networks: Vec<PathBuf>,
 }
 
 /// The files of a vehicle.
@@ -149,7 +149,7 @@ impl Models {
         for table in &supplements.tables {
             tasks.push_str(&read(table, &name(table))?);
         }
-        if let Some(supplement) = &supplements.network {
+        for supplement in &supplements.networks {
             let file = name(supplement);
             network = network_model::supplemented(&network, &read(supplement, &file)?)
                 .map_err(|problems| InputError::Network { file, problems })?;

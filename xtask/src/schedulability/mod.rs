@@ -179,7 +179,7 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
 fn supplements(vehicle: &Vehicle) -> Supplements {
     Supplements {
         tables: vehicle.task_supplements(),
-        network: vehicle.network_supplement(),
+        networks: vehicle.network_supplements(),
     }
 }
 

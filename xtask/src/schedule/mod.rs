@@ -31,20 +31,25 @@ struct Scheduled {
 pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
     let NetworkText {
         file,
-        supplement,
+        supplements,
         text,
     } = input(workspace, options)?;
     let path = file.as_path();
-    let scheduled = schedule(&text, options).map_err(|what| match &supplement {
-        Some(supplement) => wrong(path, &format!("with {}: {what}", supplement.display())),
-        None => wrong(path, &what),
+    let with: Vec<String> = supplements
+        .iter()
+        .map(|one| one.display().to_string())
+        .collect();
+    let with = with.join(" and ");
+    let scheduled = schedule(&text, options).map_err(|what| match with.as_str() {
+        "" => wrong(path, &what),
+        with => wrong(path, &format!("with {with}: {what}")),
     })?;
-    if let Some(supplement) = supplement.filter(|_| options.write) {
+    if options.write && !with.is_empty() {
         return Err(Failure::Usage(format!(
             "--write writes into one file, and these windows are those of {} and of {}: they must be \
-             copied by hand, into both",
+             copied by hand, into each",
             path.display(),
-            supplement.display()
+            with
         )));
     }
     let changed = options.write && scheduled.text != text;
@@ -74,7 +79,7 @@ fn input(workspace: &Workspace, options: &Schedule) -> Result<NetworkText, Failu
     if let Some(path) = &options.file {
         return Ok(NetworkText {
             file: path.clone(),
-            supplement: None,
+            supplements: Vec::new(),
             text: file::read(path)?,
         });
     }

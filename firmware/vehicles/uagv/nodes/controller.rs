@@ -16,6 +16,7 @@
 //! | `display_dma` | DMA1 stream 3 | 2 | end of the display's string |
 //! | `display_tick` | TIM4 | 2 | 5 Hz, and when a node is in trouble: builds and sends the display's string |
 //! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `plan` | EXTI0, pended by software | 1 | with missions only: their path, ahead of the vehicle |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -53,6 +54,8 @@ mod app {
     use uagv::design::{CONTROL_RELEASE, REMOTE};
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
+    #[cfg(mission)]
+    use uagv::mission;
     use uagv::wire::{self, Record};
     use uagv::{Link, Pilot, Stack, guide, identity, peers};
 
@@ -94,6 +97,8 @@ mod app {
         screen: Text<{ display::CAPACITY }>,
         keeper: Keeper,
         log: Log,
+        #[cfg(mission)]
+        mission: mission::Plan,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
@@ -120,6 +125,10 @@ mod app {
             fault::stop(Fault::Start)
         };
         guide::set_secret(&mut pilot, start.secret);
+        #[cfg(mission)]
+        let Ok(mission) = mission::plan(&mut pilot, sled.mission) else {
+            fault::stop(Fault::Start)
+        };
         link.release_in(BASIC_CYCLE);
         let _ = housekeeping::spawn();
         (
@@ -157,6 +166,8 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                #[cfg(mission)]
+                mission,
             },
         )
     }
@@ -255,6 +266,8 @@ mod app {
             });
         }
         driving.lock(|driving| driving.pilot.predict());
+        #[cfg(mission)]
+        rtic::pend(Interrupt::EXTI0);
     }
 
     #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, driving], local = [joystick, inputs, button_events])]
@@ -380,6 +393,24 @@ mod app {
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
+    }
+
+    /// Deadline: the window of its message.
+    #[cfg(mission)]
+    #[task(binds = EXTI0, priority = 1, shared = [link, driving], local = [mission])]
+    fn plan(cx: plan::Context) {
+        let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
+        let plan = cx.local.mission;
+        // loop-bound: 8. mission::STEPS.
+        for _ in 0..mission::STEPS {
+            // Sections of their own: a step of the planning takes long.
+            let at = driving.lock(|driving| mission::at(&mut driving.pilot));
+            if let Some(piece) = plan.step(at) {
+                driving.lock(|driving| mission::push(&mut driving.pilot, piece));
+            }
+        }
+        let told = driving.lock(|driving| plan.tell(&driving.pilot));
+        link.lock(|link| link.put(window::MISSION_STATE, told));
     }
 
     #[task(binds = EXTI3, priority = 1, shared = [link, driving, supervision, console, test], local = [log])]

@@ -32,6 +32,8 @@ pub mod guarded {
 #[cfg(not(any(row_guidance, planner)))]
 #[path = "no_guide.rs"]
 pub mod guide;
+#[cfg(mission)]
+pub mod mission;
 pub mod peers;
 #[cfg(planner)]
 pub mod planner;

@@ -1,0 +1,41 @@
+//! Missions: their record in the flash, and the task that plans them.
+//!
+//! A mission lies in a part of the flash of its own. [`Stored`] reads it, and is a [`control::mission::Mission`]. A task of
+//! low priority makes the path of it a little ahead of the vehicle ([`Work`]); the control step follows that.
+
+mod record;
+mod work;
+
+pub use record::{FORMAT, Stored, words};
+pub use work::{At, State, Work};
+
+use control::controller::Settings;
+use control::fence::Footprint;
+use control::mission::MissionSettings;
+
+/// What a vehicle brings to its missions, beside the settings of its law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Design {
+    /// Speed in headland turns, m/s.
+    pub turn_speed: f32,
+    /// Share of the steering's angle and rate that no path uses.
+    pub reserve: f32,
+    /// Half of its width, m.
+    pub half_width: f32,
+    /// From the rear axle to the front, m.
+    pub ahead: f32,
+    /// From the rear axle to the rear, m.
+    pub behind: f32,
+}
+
+impl Design {
+    /// What a mission may ask of a vehicle with these settings of its law.
+    pub fn settings(&self, controller: &Settings<f32>) -> MissionSettings<f32> {
+        let footprint = Footprint {
+            half_width: self.half_width,
+            ahead: self.ahead,
+            behind: self.behind,
+        };
+        MissionSettings::for_controller(controller, footprint, self.turn_speed, self.reserve)
+    }
+}

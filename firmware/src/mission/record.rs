@@ -1,0 +1,325 @@
+//! The record of a mission in the flash.
+//!
+//! | word | contents |
+//! | --- | --- |
+//! | 0 | `FMIS`, which tells a record from an erased or foreign place |
+//! | 1 | number of the format, [`FORMAT`]; in bit 16 whether the mission is repeated |
+//! | 2 | number of legs; in the upper half that of the fence's corners |
+//! | 3, 4 | the origin of its frame, north and east of the base station, mm |
+//! | 5 | CRC-32 of all other words of the record, in order |
+//! | 6.. | the legs, [`LEG`] words each |
+//! | behind them | the corners of the fence, north and east, m |
+//!
+//! A leg: north, east (m) and heading (rad) of the rear axle at its beginning, curvature (1/m), sharpness (1/m^2) and
+//! length (m), all in single precision; then speed (mm/s) in the lower half of a word, sections of the implement in the
+//! next byte, and in the last one bit 0 for reverse and bit 1 for a headland turn behind the leg. All words are
+//! little-endian.
+
+use control::dubins::Pose;
+use control::fence::{CORNERS, Point};
+use control::mission::{End, Join, LEGS, Leg, Mission};
+use control::position::Position;
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use heapless::Vec;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"FMIS");
+
+/// The number of the format.
+pub const FORMAT: u16 = 1;
+
+/// Words before the legs, and of a leg.
+const HEAD: usize = 6;
+const LEG: usize = 7;
+
+/// The word of the CRC.
+const CHECK: usize = 5;
+
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
+
+const REPEAT: u32 = 1 << 16;
+const REVERSE: u32 = 1 << 24;
+const TURN: u32 = 1 << 25;
+
+/// What lies in the place of a mission.
+#[derive(Clone, Debug)]
+pub enum Stored {
+    /// Nothing: the place is erased.
+    None,
+    /// Something else than a whole record of this format.
+    Damaged,
+    /// A mission.
+    Mission(Recorded),
+}
+
+/// A mission in the flash.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    origin: Position,
+    end: End,
+    legs: &'static [[u32; LEG]],
+    fence: Vec<Point<f32>, CORNERS>,
+}
+
+impl Stored {
+    /// Reads the words at the beginning of the place.
+    pub fn read(words: &'static [u32]) -> Self {
+        let Some((head, rest)) = words.split_first_chunk::<HEAD>() else {
+            return Self::None;
+        };
+        if head.iter().all(|word| *word == u32::MAX) {
+            return Self::None;
+        }
+        Recorded::read(head, rest).map_or(Self::Damaged, Self::Mission)
+    }
+}
+
+impl Recorded {
+    fn read(head: &[u32; HEAD], rest: &'static [u32]) -> Option<Self> {
+        let [magic, format, counts, north, east, check] = *head;
+        let repeat = format & REPEAT != 0;
+        if magic != MAGIC || format & !REPEAT != u32::from(FORMAT) {
+            return None;
+        }
+        let (legs, corners) = (counts as u16 as usize, (counts >> 16) as usize);
+        if legs == 0 || legs > LEGS || corners > CORNERS {
+            return None;
+        }
+        let (legs, rest) = rest.split_at_checked(legs * LEG)?;
+        let corners = rest.get(..corners * 2)?;
+        let head = head.iter().take(CHECK);
+        if checked(head.chain(legs).chain(corners).copied()) != check {
+            return None;
+        }
+        let (legs, _) = legs.as_chunks();
+        let (corners, _) = corners.as_chunks();
+        let mut fence = Vec::new();
+        // loop-bound: 64. control::fence::CORNERS.
+        for &[north, east] in corners {
+            // There is room: they were counted.
+            let _ = fence.push(Point {
+                north: f32::from_bits(north),
+                east: f32::from_bits(east),
+            });
+        }
+        Some(Self {
+            origin: Position::new(north.cast_signed(), east.cast_signed()),
+            end: if repeat { End::Repeat } else { End::Stop },
+            legs,
+            fence,
+        })
+    }
+}
+
+impl Mission<f32> for Recorded {
+    fn origin(&self) -> Position {
+        self.origin
+    }
+
+    fn count(&self) -> usize {
+        self.legs.len()
+    }
+
+    fn leg(&self, number: usize) -> Option<Leg<f32>> {
+        let &[north, east, heading, curvature, sharpness, length, rest] = self.legs.get(number)?;
+        Some(Leg {
+            start: Pose {
+                north: f32::from_bits(north),
+                east: f32::from_bits(east),
+                heading: f32::from_bits(heading),
+            },
+            curvature: f32::from_bits(curvature),
+            sharpness: f32::from_bits(sharpness),
+            length: f32::from_bits(length),
+            speed: f32::from(rest as u16) * 1e-3,
+            reverse: rest & REVERSE != 0,
+            outputs: (rest >> 16) as u8,
+            join: if rest & TURN != 0 {
+                Join::Turn
+            } else {
+                Join::Continue
+            },
+        })
+    }
+
+    fn fence(&self) -> &[Point<f32>] {
+        &self.fence
+    }
+
+    fn end(&self) -> End {
+        self.end
+    }
+}
+
+fn checked(words: impl Iterator<Item = u32>) -> u32 {
+    let mut digest = CRC.digest();
+    // loop-bound: 28805. The longest record: 4096 legs of seven words and 64 corners.
+    for word in words {
+        digest.update(&word.to_le_bytes());
+    }
+    digest.finalize()
+}
+
+fn leg(leg: &Leg<f32>) -> [u32; LEG] {
+    let Leg { start, .. } = leg;
+    // Rounded, and a speed that does not fit is the largest one.
+    let speed = (leg.speed * 1e3 + 0.5) as u16;
+    let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+    [
+        start.north.to_bits(),
+        start.east.to_bits(),
+        start.heading.to_bits(),
+        leg.curvature.to_bits(),
+        leg.sharpness.to_bits(),
+        leg.length.to_bits(),
+        u32::from(speed)
+            | u32::from(leg.outputs) << 16
+            | flag(leg.reverse, REVERSE)
+            | flag(leg.join == Join::Turn, TURN),
+    ]
+}
+
+/// The record of a mission, word by word; `None` if it has no leg, or more legs or corners than a record may have.
+pub fn words<M: Mission<f32>>(mission: &M) -> Option<impl Iterator<Item = u32>> {
+    let (legs, corners) = (mission.count(), mission.fence().len());
+    if legs == 0 || legs > LEGS || corners > CORNERS {
+        return None;
+    }
+    let origin = mission.origin();
+    let repeat = if mission.end() == End::Repeat {
+        REPEAT
+    } else {
+        0
+    };
+    let head = [
+        MAGIC,
+        u32::from(FORMAT) | repeat,
+        legs as u32 | (corners as u32) << 16,
+        origin.north.cast_unsigned(),
+        origin.east.cast_unsigned(),
+    ];
+    let body = move || {
+        let all = (0..legs).filter_map(|number| mission.leg(number));
+        let corners = mission.fence().iter();
+        let corners = corners.flat_map(|at| [at.north.to_bits(), at.east.to_bits()]);
+        all.flat_map(|one| leg(&one)).chain(corners)
+    };
+    let check = checked(head.into_iter().chain(body()));
+    Some(head.into_iter().chain([check]).chain(body()))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    use control::mission::Legs;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn read(words: Vec<u32>) -> Stored {
+        Stored::read(Box::leak(words.into_boxed_slice()))
+    }
+
+    fn legs() -> impl Strategy<Value = Vec<Leg<f32>>> {
+        let numbers = prop::array::uniform6(-4000.0..4000.0_f32);
+        let leg = (numbers, 0..60_000_u16, any::<(bool, u8, bool)>());
+        let leg = leg.prop_map(|(numbers, speed, (reverse, outputs, turn))| {
+            let [north, east, heading, curvature, sharpness, length] = numbers;
+            Leg {
+                start: Pose {
+                    north,
+                    east,
+                    heading,
+                },
+                curvature,
+                sharpness,
+                length,
+                speed: f32::from(speed) * 1e-3,
+                reverse,
+                outputs,
+                join: if turn { Join::Turn } else { Join::Continue },
+            }
+        });
+        prop::collection::vec(leg, 1..20)
+    }
+
+    fn corners() -> impl Strategy<Value = Vec<Point<f32>>> {
+        let corner = (-4000.0..4000.0_f32, -4000.0..4000.0_f32);
+        let corner = corner.prop_map(|(north, east)| Point { north, east });
+        prop::collection::vec(corner, 0..=CORNERS)
+    }
+
+    #[test]
+    fn an_erased_place_has_no_mission() {
+        assert!(matches!(read(std::vec![u32::MAX; 64]), Stored::None));
+        assert!(matches!(read(Vec::new()), Stored::None));
+        assert!(matches!(read(std::vec![0; 64]), Stored::Damaged));
+    }
+
+    #[test]
+    fn a_record_has_a_leg() {
+        let none = Legs {
+            origin: Position::new(0, 0),
+            legs: &[],
+            fence: &[],
+            end: End::Stop,
+        };
+        assert!(words(&none).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn a_record_is_read_back(
+            legs in legs(), fence in corners(), north: i32, east: i32, repeat: bool, beyond in 0..9_usize
+        ) {
+            let written = Legs {
+                origin: Position::new(north, east),
+                legs: &legs,
+                fence: &fence,
+                end: if repeat { End::Repeat } else { End::Stop },
+            };
+            let mut record: Vec<u32> = words(&written).unwrap().collect();
+            // The rest of the place is erased.
+            record.resize(record.len() + beyond, u32::MAX);
+            let Stored::Mission(found) = read(record) else {
+                panic!("no mission");
+            };
+            prop_assert_eq!((found.origin(), found.end()), (written.origin, written.end));
+            prop_assert_eq!(found.fence(), written.fence);
+            prop_assert_eq!(found.count(), legs.len());
+            for (number, leg) in legs.iter().enumerate() {
+                prop_assert_eq!(found.leg(number), Some(*leg));
+            }
+            prop_assert_eq!(found.leg(legs.len()), None);
+        }
+
+        #[test]
+        fn a_damaged_record_is_no_mission(
+            legs in legs(), fence in corners(), word: prop::sample::Index, change in 1..=u32::MAX,
+            cut: Option<prop::sample::Index>
+        ) {
+            let written = Legs { origin: Position::new(1, 2), legs: &legs, fence: &fence, end: End::Stop };
+            let mut record: Vec<u32> = words(&written).unwrap().collect();
+            match cut {
+                Some(cut) => {
+                    let cut = cut.index(record.len());
+                    record[cut..].fill(u32::MAX);
+                    prop_assume!(cut > 0);
+                }
+                None => {
+                    let word = word.index(record.len());
+                    record[word] ^= change;
+                }
+            }
+            prop_assert!(matches!(read(record), Stored::Damaged));
+        }
+
+        #[test]
+        fn any_words_are_read(words in prop::collection::vec(any::<u32>(), 0..60)) {
+            prop_assert!(!matches!(read(words), Stored::Mission(_)));
+        }
+    }
+}
