@@ -536,12 +536,17 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let cruise = self.settings.cruise;
         let planned = self.route.speed(&self.progress, travel);
         if !self.estimator.is_ready() {
-            // Drive straight: the heading is observable only in motion.
+            // Drive straight: the heading is observable only in motion. How far the next stop is,
+            // is not known either.
+            let usual = self.route.usual_speed(&self.progress).unwrap_or(cruise);
+            let speed = if usual < cruise { usual } else { cruise };
+            let waits = planned.is_some_and(|planned| !(planned > T::zero()));
             return Some(Command {
                 steering_rate: T::zero(),
-                speed: match planned {
-                    Some(speed) if speed < cruise => speed,
-                    _ => cruise,
+                speed: if waits {
+                    T::zero()
+                } else {
+                    self.travelled(speed)
                 },
             });
         }
@@ -561,13 +566,19 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let deviation = self.deviation(tracking, sine, effectiveness);
         let share = self.guidance.firm_share(&deviation);
         let (firm, gentle) = (&self.settings.firm, &self.settings.gentle);
+        // The gains of a slower vehicle are larger: near a stop they would ask for steering angles
+        // that cannot be taken back when it drives on.
+        let driven = match self.route.usual_speed(&self.progress) {
+            Some(usual) if usual > tracking.speed.abs() => usual,
+            _ => tracking.speed,
+        };
         // As a rule one regulator acts alone, and only its gains are looked up.
         let gains = if share >= T::one() {
-            firm.at(tracking.speed)
+            firm.at(driven)
         } else if share > T::zero() {
-            blended(&firm.at(tracking.speed), &gentle.at(tracking.speed), share)
+            blended(&firm.at(driven), &gentle.at(driven), share)
         } else {
-            gentle.at(tracking.speed)
+            gentle.at(driven)
         };
         let target = self.guidance.steer(&deviation, share, &gains, dt);
         let error = target.angle - deviation.steering_angle;

@@ -251,6 +251,8 @@ impl<T: Scalar> ResponseWatch<T> {
             // The course is that of the other end of the vehicle now.
             self.reverse = reverse;
             self.course = None;
+            self.turn = Pair::new();
+            self.course_wrong = Streak::default();
         }
         let (speed, course) = Self::over_ground(velocity);
         // Slowly the course is noise.
@@ -258,21 +260,16 @@ impl<T: Scalar> ResponseWatch<T> {
             self.course = None;
             return false;
         }
+        // The velocity is that of the antenna, which also moves to the side to which the wheels turn: its course leads
+        // that of the rear axle.
         let bend = angle.tangent() / self.settings.wheelbase;
-        let (turn, course) = if reverse {
-            // The antenna moves to the side to which the wheels turn, although the vehicle turns to the other one.
-            let lead = (bend * self.settings.antenna_ahead).angle_of(T::one());
-            (-speed * bend * seen.dt, course - lead)
-        } else {
-            (
-                speed * angle.tangent() / self.settings.wheelbase * seen.dt,
-                course,
-            )
-        };
+        let course = course - (bend * self.settings.antenna_ahead).angle_of(T::one());
         let Some(before) = self.course.replace(course) else {
             return false;
         };
         let turned = wrap_angle(course - before);
+        let forward = speed * bend * seen.dt;
+        let turn = if reverse { -forward } else { forward };
         self.turn.add(turn, turned, seen.dt, T::lit(2.0));
         let wrong = self
             .turn

@@ -40,6 +40,12 @@ pub trait Route<T: Scalar> {
         None
     }
 
+    /// The speed (m/s) for which the law's gains at `progress` are, where the vehicle is slower for a
+    /// while because it stops or begins to drive; `None` for those of its speed.
+    fn usual_speed(&self, _progress: &Progress<T>) -> Option<T> {
+        None
+    }
+
     /// False while the route is not known at `progress`. The vehicle then stands.
     fn is_ready(&self, _progress: &Progress<T>) -> bool {
         true

@@ -16,7 +16,7 @@ use control::mission::{
 };
 use control::model::{Antenna, Geometry};
 use control::position::Position;
-use control::response::{Response, ResponseSettings, ResponseWatch};
+use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety::Command;
 use control::vehicle::{Description, degrees};
 
@@ -93,6 +93,7 @@ impl Task {
         while !run.step() {
             assert!(run.plant.time < 10_000.0, "it never ends");
         }
+        assert_eq!(run.departed, None);
         run.figures.time = run.plant.time;
         run.figures
     }
@@ -119,6 +120,8 @@ struct Drive<'a> {
     reverse: bool,
     /// What the section has been told and not yet done, with its time.
     told: Vec<(f64, bool)>,
+    /// What would have ended the run, with the time.
+    departed: Option<(f64, Departure)>,
     figures: Figures,
 }
 
@@ -150,6 +153,7 @@ impl<'a> Drive<'a> {
             on: false,
             reverse: false,
             told: Vec::new(),
+            departed: None,
             figures: Figures {
                 covered: vec![Vec::new(); (SIDE * 10.0) as usize],
                 ..Figures::default()
@@ -186,11 +190,12 @@ impl<'a> Drive<'a> {
             cross_track: Some(outcome.tracking.cross_track),
             dt: period as f32,
         });
-        assert_eq!(departure, None, "after {:.1} s", self.plant.time);
+        let time = self.plant.time;
+        self.departed = self.departed.or(departure.map(|what| (time, what)));
+        // With the first velocities the estimate may still be poor.
         assert!(
-            outcome.proposed.is_some(),
-            "lost after {} s",
-            self.plant.time
+            outcome.proposed.is_some() || time < 5.0,
+            "lost after {time} s"
         );
         self.applied = Command {
             steering_rate: f64::from(outcome.command.steering_rate),
@@ -506,6 +511,82 @@ fn a_pause_in_a_pass() {
     let figures = &run.figures;
     assert_eq!(figures.switched.len(), 4);
     assert!(Figures::worst(&figures.passes) < 0.05);
+}
+
+/// Drives a random vehicle over four passes with headland turns between them, at a speed in the turns
+/// at which its clothoids turn by at most half a radian. Returns the figures, and what would have
+/// ended the run.
+fn random(seed: u64) -> (Figures, Option<(f64, Departure)>) {
+    let vehicle = common::random(&mut common::Noise::new(seed + 1));
+    let settings = Settings::<f32>::for_vehicle(&vehicle).unwrap();
+    let limits = settings.guidance.limits;
+    let wheelbase = vehicle.geometry.wheelbase();
+    let curvature = (f64::from(limits.steering_angle) * 0.8).tan() / wheelbase;
+    let rate = f64::from(limits.steering_rate) * 0.8;
+    let task = Task {
+        name: "random",
+        vehicle,
+        speed: vehicle.cruise,
+        turn_speed: vehicle.cruise.min(rate / (wheelbase * curvature.powi(2))),
+        reverse: seed.is_multiple_of(2),
+        ..at_one()
+    };
+    let field = Field {
+        passes: 4,
+        length: 60.0,
+        ..task.field()
+    };
+    let mut wanted = mission_settings(&settings, task.turn_speed);
+    wanted.turn.reverse = task.reverse;
+    let legs = field.legs_and_way_out::<f32>();
+    let plan = Legs {
+        origin: Position::new(0, 0),
+        legs: &legs,
+        fence: &[],
+        end: End::Stop,
+    };
+    check(&plan, &wanted).unwrap();
+    let mut run = Drive::new(&task, settings, &plan, wanted, seed);
+    // So far before the first pass that the estimator knows its biases there.
+    run.plant.north -= 6.0 + 8.0 * vehicle.cruise;
+    while !run.step() {
+        assert!(run.plant.time < 10_000.0, "seed {seed}: it never ends");
+    }
+    (run.figures, run.departed)
+}
+
+/// Compares the figures of random vehicles with aims of their own. The watch judges a speed by that of
+/// the antenna, so it is asked only where the antenna is less than one and a half wheelbases ahead.
+fn judge_random(seeds: std::ops::Range<u64>) {
+    let (mut passes, mut turns) = (0.0_f64, 0.0_f64);
+    for seed in seeds {
+        let (figures, departed) = random(seed);
+        let (size, worst) = (figures.mean_size(), Figures::worst(&figures.turns));
+        (passes, turns) = (passes.max(size), turns.max(worst));
+        assert!(
+            size < 0.02 && worst < 0.15,
+            "seed {seed}: {size} m, {worst} m"
+        );
+        let vehicle = common::random(&mut common::Noise::new(seed + 1));
+        let near = vehicle.geometry.l1 < 1.5 * vehicle.geometry.wheelbase();
+        assert!(!near || departed.is_none(), "seed {seed}: {departed:?}");
+    }
+    println!(
+        "random vehicles: mean size on passes {:.2} cm at most, {:.1} cm in turns",
+        passes * 100.0,
+        turns * 100.0
+    );
+}
+
+#[test]
+fn any_sound_vehicle_drives_a_mission() {
+    judge_random(0..40);
+}
+
+#[test]
+#[ignore = "more vehicles of the test above, about a minute"]
+fn more_vehicles_drive_a_mission() {
+    judge_random(40..400);
 }
 
 /// From anywhere in the field the vehicle drives to a pass and goes on there.

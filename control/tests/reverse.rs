@@ -176,7 +176,9 @@ fn it_comes_onto_lines_and_arcs_backwards() {
                     mean * 100.0,
                     largest * 100.0
                 );
-                assert!(slowest < 15.0, "{slowest} m");
+                // On a slope the course changes by twice the crab angle where the direction does.
+                let most = if kind == "level" { 12.0 } else { 20.0 };
+                assert!(slowest < most, "{slowest} m");
                 assert!(mean < 0.02 && largest < 0.05, "{mean} m, {largest} m");
             }
         }

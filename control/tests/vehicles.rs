@@ -3,16 +3,14 @@
 
 mod common;
 
-use common::{Conditions, Noise, Plant, Run, run_plant};
+use common::{Conditions, Noise, Plant, Run, random, run_plant};
 use control::controller::{Controller, Sample, Settings};
 use control::dubins::{Pose, shortest_to_line};
-use control::feedback::Limits;
 use control::line::Line;
-use control::model::{Antenna, Geometry};
 use control::position::Position;
 use control::safety::Command;
 use control::scalar::Scalar;
-use control::vehicle::{Description, Misalignment, Sensors, Weights, degrees, source};
+use control::vehicle::{Description, Sensors, Weights, degrees, source};
 
 /// Number of random vehicles.
 const VEHICLES: u64 = 400;
@@ -25,42 +23,6 @@ fn cast<T: Scalar, U: Scalar>(command: Command<T>) -> Command<U> {
     Command {
         steering_rate: U::lit(command.steering_rate.as_f64()),
         speed: U::lit(command.speed.as_f64()),
-    }
-}
-
-/// A random vehicle within the accepted ranges.
-fn random(noise: &mut Noise) -> Description {
-    let mut between = |least: f64, most: f64| least + (most - least) * noise.uniform();
-    // Wheelbase and speed are distributed evenly over their logarithm.
-    let wheelbase = 0.4 * 10.0_f64.powf(between(0.0, 1.0));
-    let cruise = 0.3 * 10.0_f64.powf(between(0.0, 1.0));
-    let steering_angle = degrees(between(15.0, 45.0));
-    let l1 = wheelbase * between(-0.4, 2.0);
-    let beside = 0.5 * wheelbase / steering_angle.tan();
-    Description {
-        geometry: Geometry {
-            l1,
-            l2: wheelbase - l1,
-        },
-        antenna: Antenna {
-            right: between(-beside, beside),
-            height: 2.0,
-        },
-        limits: Limits {
-            steering_angle,
-            steering_rate: degrees(between(10.0, 60.0)),
-            speed: cruise * between(1.0, 2.0),
-        },
-        cruise,
-        period: [0.1, 0.05][usize::from(between(0.0, 1.0) > 0.7)],
-        drive_lag: between(0.1, 0.6),
-        cornering: between(2.0, 20.0),
-        misalignment: Misalignment {
-            heading: degrees(between(0.1, 5.0)),
-            steering: degrees(between(0.1, 5.0)),
-        },
-        weights: None,
-        ..common::example::VEHICLE
     }
 }
 

@@ -336,6 +336,10 @@ impl<T: Scalar> Route<T> for Stretch<T> {
         Some(self.curvature(progress.segment, progress.along + way))
     }
 
+    fn usual_speed(&self, progress: &Progress<T>) -> Option<T> {
+        self.piece(progress.segment).map(|piece| piece.speed)
+    }
+
     fn is_ready(&self, progress: &Progress<T>) -> bool {
         self.piece(progress.segment).is_some()
     }

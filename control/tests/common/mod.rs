@@ -7,9 +7,11 @@ pub(crate) mod example;
 pub(crate) mod field;
 
 use control::calibration::{Actuator, Direction};
+use control::feedback::Limits;
+use control::model::{Antenna, Geometry};
 use control::position::{Position, Velocity};
 use control::safety::Command;
-use control::vehicle::Description;
+use control::vehicle::{Description, Misalignment, degrees};
 use std::collections::VecDeque;
 
 /// Seeded random numbers, the same on every machine: SplitMix64 and Box-Muller.
@@ -40,6 +42,42 @@ impl Noise {
     /// Normal with mean zero and unit variance.
     pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// A random vehicle within the accepted ranges.
+pub(crate) fn random(noise: &mut Noise) -> Description {
+    let mut between = |least: f64, most: f64| least + (most - least) * noise.uniform();
+    // Wheelbase and speed are distributed evenly over their logarithm.
+    let wheelbase = 0.4 * 10.0_f64.powf(between(0.0, 1.0));
+    let cruise = 0.3 * 10.0_f64.powf(between(0.0, 1.0));
+    let steering_angle = degrees(between(15.0, 45.0));
+    let l1 = wheelbase * between(-0.4, 2.0);
+    let beside = 0.5 * wheelbase / steering_angle.tan();
+    Description {
+        geometry: Geometry {
+            l1,
+            l2: wheelbase - l1,
+        },
+        antenna: Antenna {
+            right: between(-beside, beside),
+            height: 2.0,
+        },
+        limits: Limits {
+            steering_angle,
+            steering_rate: degrees(between(10.0, 60.0)),
+            speed: cruise * between(1.0, 2.0),
+        },
+        cruise,
+        period: [0.1, 0.05][usize::from(between(0.0, 1.0) > 0.7)],
+        drive_lag: between(0.1, 0.6),
+        cornering: between(2.0, 20.0),
+        misalignment: Misalignment {
+            heading: degrees(between(0.1, 5.0)),
+            steering: degrees(between(0.1, 5.0)),
+        },
+        weights: None,
+        ..example::VEHICLE
     }
 }
 
@@ -217,7 +255,9 @@ impl Plant {
             // vehicle.
             let turn = self.speed * self.steering.tan() / wheelbase;
             let downhill = GRAVITY * self.conditions.slope.sin() * self.heading.cos();
-            self.crab = (downhill - self.speed * turn) / (GRAVITY * self.vehicle.cornering);
+            // The tyres slip to the side of the force, whichever way they roll.
+            let way = if self.speed < 0.0 { -1.0 } else { 1.0 };
+            self.crab = way * (downhill - self.speed * turn) / (GRAVITY * self.vehicle.cornering);
             let course = self.heading + self.crab;
             let (north, east) = (self.speed * course.cos(), self.speed * course.sin());
             let velocity = (
