@@ -1,7 +1,7 @@
 //! Paths of several segments: passes across the field, joined by headland
 //! turns or by arcs at their corners. Coordinates are in the estimator's frame.
 
-use crate::clothoid::travel;
+use crate::clothoid::{nearby, travel};
 use crate::dubins::{DubinsError, Pose, advance, shortest};
 use crate::line::{Line, LineError};
 use crate::position::Position;
@@ -81,7 +81,7 @@ impl<T: Scalar> Segment<T> {
     #[must_use]
     pub fn locate(&self, north: T, east: T, near: T) -> Place<T> {
         if self.sharpness != T::zero() {
-            return self.locate_on_clothoid(north, east, near);
+            return self.search(self.pose(near), near, north, east);
         }
         let (sine, cosine) = self.start.heading.sine_cosine();
         let (dn, de) = (north - self.start.north, east - self.start.east);
@@ -113,9 +113,19 @@ impl<T: Scalar> Segment<T> {
         }
     }
 
+    /// The same for a point near the segment's beginning, at less cost on a clothoid.
+    #[must_use]
+    pub(crate) fn enter(&self, north: T, east: T) -> Place<T> {
+        if self.sharpness == T::zero() {
+            self.locate(north, east, T::zero())
+        } else {
+            self.search(self.start, T::zero(), north, east)
+        }
+    }
+
     /// Newton's method for the place where the vector to the point is square to the
-    /// clothoid.
-    fn locate_on_clothoid(&self, north: T, east: T, near: T) -> Place<T> {
+    /// clothoid, from the pose `on` at `near`.
+    fn search(&self, on: Pose<T>, near: T, north: T, east: T) -> Place<T> {
         let exact = T::default_epsilon().root();
         let end = self.curvature_at(self.length);
         let largest = if self.curvature.abs() > end.abs() {
@@ -123,15 +133,14 @@ impl<T: Scalar> Segment<T> {
         } else {
             end.abs()
         };
-        let mut along = near;
+        let (mut on, mut along) = (on, near);
         let mut place = Place {
             along,
             cross_track: T::zero(),
             bearing: self.start.heading,
         };
-        // loop-bound: 8. The error is squared in each turn: three are usual.
-        for _ in 0..8 {
-            let on = self.pose(along);
+        // loop-bound: 5. The error is squared in each turn: three are usual.
+        for _ in 0..5 {
             let curvature = self.curvature_at(along);
             let (sine, cosine) = on.heading.sine_cosine();
             let (dn, de) = (north - on.north, east - on.east);
@@ -147,6 +156,7 @@ impl<T: Scalar> Segment<T> {
             } else {
                 step
             };
+            let from = along;
             along += step;
             place = Place {
                 along,
@@ -156,8 +166,28 @@ impl<T: Scalar> Segment<T> {
             if !(step.abs() > exact) {
                 break;
             }
+            on = self.moved(on, from, along);
         }
         place
+    }
+
+    /// The pose at `to` from that at `from`, both in metres, when the way between them turns by at most one
+    /// radian.
+    fn moved(&self, on: Pose<T>, from: T, to: T) -> Pose<T> {
+        // Beyond the ends the curvature is that of the end.
+        let inside = |along: T| {
+            if !(along > T::zero()) {
+                T::zero()
+            } else if along > self.length {
+                self.length
+            } else {
+                along
+            }
+        };
+        let (leave, arrive) = (inside(from), inside(to));
+        let on = advance(on, self.curvature_at(from), leave - from);
+        let on = nearby(on, self.curvature_at(leave), self.sharpness, arrive - leave);
+        advance(on, self.curvature_at(arrive), to - arrive)
     }
 
     /// The pose at `along` metres. Before its beginning and beyond its end a clothoid

@@ -152,24 +152,36 @@ impl<T: Scalar> Turn<T> {
     /// Distance driven, m.
     #[must_use]
     pub fn length(&self) -> T {
-        self.parts()
-            .iter()
-            .fold(T::zero(), |sum, part| sum + part.length)
+        let mut sum = T::zero();
+        // loop-bound: 11. PARTS.
+        for part in self.parts() {
+            sum += part.length;
+        }
+        sum
     }
 
     /// How often the direction of driving changes.
     #[must_use]
     pub fn reversals(&self) -> usize {
-        self.parts()
-            .windows(2)
-            .filter(|pair| matches!(pair, [a, b] if a.reverse != b.reverse))
-            .count()
+        let mut reversals = 0;
+        let mut before = self.parts().first().is_some_and(|part| part.reverse);
+        // loop-bound: 11. PARTS.
+        for part in self.parts() {
+            reversals += usize::from(part.reverse != before);
+            before = part.reverse;
+        }
+        reversals
     }
 
     /// The vehicle's pose at the end, if it begins at `start`.
     #[must_use]
     pub fn end(&self, start: Pose<T>) -> Pose<T> {
-        self.parts().iter().fold(start, |pose, part| part.end(pose))
+        let mut pose = start;
+        // loop-bound: 11. PARTS.
+        for part in self.parts() {
+            pose = part.end(pose);
+        }
+        pose
     }
 }
 

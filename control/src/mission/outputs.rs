@@ -1,6 +1,6 @@
 //! Switches the sections of an implement at the borders of legs.
 
-use super::stretch::Stretch;
+use super::stretch::{PIECES, Stretch};
 use crate::path::Progress;
 use crate::scalar::Scalar;
 
@@ -72,44 +72,99 @@ impl<T: Scalar> Outputs<T> {
             self.since = [0; SECTIONS];
             return Switching { now: 0, later };
         }
-        let mut now = self.state;
-        let mut end = now;
+        let before = self.state;
+        let (mut now, mut end) = (before, before);
         let sections = self.sections.iter().zip(&mut self.since);
+        let about = About {
+            stretch,
+            progress,
+            speed,
+            period,
+        };
         // loop-bound: 8
         for (bit, ((section, since), later)) in sections.zip(&mut later).enumerate() {
             let mask = 1_u8 << bit;
-            let on = now & mask != 0;
-            let change = stretch.change(progress, section.ahead, *since, |outputs| {
-                (outputs & mask != 0) != on
-            });
-            let Some((piece, distance)) = change else {
-                continue;
-            };
-            let delay = if on {
-                section.off_delay
+            let switch = about.switch(section, mask, before, *since);
+            *since = switch.since;
+            *later = switch.later;
+            now ^= if switch.now { mask } else { 0 };
+            end ^= if switch.now || switch.later.is_some() {
+                mask
             } else {
-                section.on_delay
+                0
             };
-            // No prediction for a border that is out of reach.
-            let longest = delay + period;
-            if distance > (speed.abs() + stretch.pace().acceleration * longest) * longest {
-                continue;
-            }
-            let reached = stretch.predict(progress, speed, delay);
-            if distance <= reached {
-                now ^= mask;
-            } else {
-                let after = stretch.predict(progress, speed, longest);
-                if !(distance < after) {
-                    continue;
-                }
-                *later = Some(period * (distance - reached) / (after - reached));
-            }
-            end ^= mask;
-            *since = piece;
         }
         self.state = end;
         Switching { now, later }
+    }
+}
+
+/// What decides about all sections.
+struct About<'a, T> {
+    stretch: &'a Stretch<T>,
+    progress: &'a Progress<T>,
+    speed: T,
+    period: T,
+}
+
+/// What happens to a section.
+struct Switch<T> {
+    now: bool,
+    later: Option<T>,
+    since: usize,
+}
+
+impl<T: Scalar> About<'_, T> {
+    /// Whether the section of this bit is switched over, when sections are on as in `state` and it was last
+    /// switched for piece `since`.
+    // A function of its own: its many ways would make several loops of the one over the sections.
+    #[inline(never)]
+    fn switch(&self, section: &Section<T>, mask: u8, state: u8, since: usize) -> Switch<T> {
+        let Self {
+            stretch,
+            progress,
+            speed,
+            period,
+        } = *self;
+        let stays = Switch {
+            now: false,
+            later: None,
+            since,
+        };
+        let on = state & mask != 0;
+        let change = stretch.change(progress, section.ahead, since, |outputs| {
+            (outputs & mask != 0) != on
+        });
+        let Some((piece, distance)) = change else {
+            return stays;
+        };
+        let delay = if on {
+            section.off_delay
+        } else {
+            section.on_delay
+        };
+        // No prediction for a border that is out of reach.
+        let longest = delay + period;
+        if distance > (speed.abs() + stretch.pace().acceleration * longest) * longest {
+            return stays;
+        }
+        let reached = stretch.predict(progress, speed, delay);
+        if distance <= reached {
+            return Switch {
+                now: true,
+                since: piece,
+                ..stays
+            };
+        }
+        let after = stretch.predict(progress, speed, longest);
+        if !(distance < after) {
+            return stays;
+        }
+        Switch {
+            later: Some(period * (distance - reached) / (after - reached)),
+            since: piece,
+            ..stays
+        }
     }
 }
 
@@ -138,12 +193,12 @@ impl<T: Scalar> Stretch<T> {
         };
         let mut begin = T::zero();
         // loop-bound: 16. A stretch has up to PIECES pieces.
-        for number in self.numbers().start..progress.segment {
+        for (number, _) in (self.numbers().start..progress.segment).zip(0..PIECES) {
             begin -= self.piece(number)?.segment.length;
         }
         let mut last = false;
         // loop-bound: 16. A stretch has up to PIECES pieces.
-        for number in self.numbers() {
+        for (number, _) in self.numbers().zip(0..PIECES) {
             let piece = self.piece(number)?;
             let end = begin + piece.segment.length;
             if number >= since && end > here && wanted(piece.outputs) {

@@ -13,6 +13,9 @@ pub const PIECES: usize = 16;
 /// Pieces behind the current one that are kept, because an implement may still be on them.
 const BEHIND: usize = 3;
 
+/// Largest number of pieces that the vehicle passes in one step.
+const STEPS: usize = 1;
+
 /// The vehicle counts as arrived at a stop this far before it, m.
 const ARRIVED: f64 = 0.005;
 
@@ -187,6 +190,7 @@ impl<T: Scalar> Stretch<T> {
     }
 
     /// Moves `progress` on by `way` (m), up to where the direction changes.
+    #[inline(never)]
     fn pass(&self, progress: &mut Progress<T>, way: T) {
         progress.along += way;
         // loop-bound: 16. A stretch has up to PIECES pieces.
@@ -245,6 +249,8 @@ impl<T: Scalar> Stretch<T> {
 
     /// The largest speed (m/s) at `progress`, from the limits of this piece and of those ahead, when
     /// the vehicle drives at `speed` (m/s).
+    // Not inlined: its loop is bounded by itself then, and not once for each loop about it.
+    #[inline(never)]
     fn allowed(&self, progress: &Progress<T>, speed: T) -> T {
         let zero = T::zero();
         let Some(current) = self.piece(progress.segment) else {
@@ -299,8 +305,8 @@ impl<T: Scalar> Route<T> for Stretch<T> {
             };
         };
         let mut place = piece.segment.locate(north, east, progress.along);
-        // loop-bound: 16. A stretch has up to PIECES pieces.
-        for _ in 0..PIECES {
+        // loop-bound: 1. STEPS: shorter pieces than a step's way are caught up with in the next ones.
+        for _ in 0..STEPS {
             let Some(next) = self.piece(progress.segment + 1) else {
                 break;
             };
@@ -314,7 +320,7 @@ impl<T: Scalar> Route<T> for Stretch<T> {
             }
             progress.segment += 1;
             piece = next;
-            place = piece.segment.locate(north, east, zero);
+            place = piece.segment.enter(north, east);
         }
         progress.finished = piece.last && place.along > piece.segment.length - T::lit(ARRIVED);
         progress.along = place.along;

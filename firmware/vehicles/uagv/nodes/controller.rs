@@ -401,7 +401,7 @@ mod app {
     fn plan(cx: plan::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
         let plan = cx.local.mission;
-        // loop-bound: 8. mission::STEPS.
+        // loop-bound: 4. mission::STEPS.
         for _ in 0..mission::STEPS {
             // Sections of their own: a step of the planning takes long.
             let at = driving.lock(|driving| mission::at(&mut driving.pilot));
@@ -409,7 +409,9 @@ mod app {
                 driving.lock(|driving| mission::push(&mut driving.pilot, piece));
             }
         }
-        let told = driving.lock(|driving| plan.tell(&driving.pilot));
+        // A copy, so that the lock is short.
+        let seen = driving.lock(|driving| mission::see(&driving.pilot));
+        let told = plan.tell(&seen);
         link.lock(|link| link.put(window::MISSION_STATE, told));
     }
 

@@ -1,6 +1,7 @@
 //! Missions: what the controller's task of low priority does for them, and its message.
 
 use control::mission::{Outputs, Piece, Purpose, Section, Stretch};
+use control::path::Progress;
 use control::route::Route as _;
 use firmware::convert;
 use firmware::machine::Machine;
@@ -11,7 +12,7 @@ use crate::messages::{self as named, MissionState};
 use crate::{Pilot, Uagv};
 
 /// Steps of the planning in a basic cycle. A turn needs some hundred of them, and a leg gives it seconds.
-pub const STEPS: usize = 8;
+pub const STEPS: usize = 4;
 
 /// The mission, and the sections of the implement.
 pub struct Plan {
@@ -53,6 +54,25 @@ pub fn at(pilot: &mut Pilot) -> At {
     }
 }
 
+/// What the pilot does of its mission.
+pub struct Seen {
+    route: Stretch<f32>,
+    progress: Progress<f32>,
+    speed: f32,
+    running: bool,
+}
+
+/// Looks at what the pilot does.
+pub fn see(pilot: &Pilot) -> Seen {
+    let law = pilot.law();
+    Seen {
+        route: *law.route(),
+        progress: *law.progress(),
+        speed: pilot.decision().tracking.speed,
+        running: pilot.mode() == control::mode::Mode::AutonomousRun,
+    }
+}
+
 /// Adds a piece to the path.
 pub fn push(pilot: &mut Pilot, piece: Piece<f32>) {
     // There was room, and nobody else adds.
@@ -61,18 +81,23 @@ pub fn push(pilot: &mut Pilot, piece: Piece<f32>) {
 
 impl Plan {
     /// A step of the planning. Returns a piece of the path, once.
+    #[inline(never)]
     pub fn step(&mut self, at: At) -> Option<Piece<f32>> {
         self.work.step(at)
     }
 
     /// The message about the mission, from what the pilot does. Call it once in each basic cycle.
-    pub fn tell(&mut self, pilot: &Pilot) -> [u8; 8] {
-        let running = pilot.mode() == control::mode::Mode::AutonomousRun;
-        let law = pilot.law();
-        let (route, progress) = (law.route(), law.progress());
-        let speed = pilot.decision().tracking.speed;
-        let sections = if running {
-            let switching = self.outputs.step(route, progress, speed, Uagv::PERIOD);
+    // Not inlined: in the task, its loops would count as often as those of the planning.
+    #[inline(never)]
+    pub fn tell(&mut self, seen: &Seen) -> [u8; 8] {
+        let Seen {
+            route,
+            progress,
+            speed,
+            running,
+        } = seen;
+        let sections = if *running {
+            let switching = self.outputs.step(route, progress, *speed, Uagv::PERIOD);
             switching.now
         } else {
             self.outputs = Outputs::new([Section::default(); 8]);
@@ -85,7 +110,7 @@ impl Plan {
             State::Stuck => named::MissionProgress::Stuck,
             State::Damaged => named::MissionProgress::Damaged,
             State::Ready if progress.finished => named::MissionProgress::Finished,
-            State::Ready if running => named::MissionProgress::Driving,
+            State::Ready if *running => named::MissionProgress::Driving,
             State::Ready => named::MissionProgress::Ready,
         };
         let number = |number: usize| number.min(4095) as u16;
