@@ -1,0 +1,74 @@
+//! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with random bytes, because a
+//! fuzzer needs a nightly toolchain.
+
+use mission::place::{Frame, Geodetic, Origin};
+use mission::plan::Plan;
+use mission::read::{Drawing, ReadError, Shape, agopengps, csv, geojson, isoxml, text};
+
+/// A plan in a file's text. One that is accepted must be written and read without a change.
+pub fn plan(bytes: &[u8]) -> Option<Plan> {
+    let plan = Plan::read(&text(bytes), "fuzz").map_err(|error| sentence(&error.to_string()));
+    let plan = plan.ok()?;
+    assert_eq!(Plan::read(&plan.write(), "again").as_ref(), Ok(&plan));
+    Some(plan)
+}
+
+/// A file of GeoJSON.
+pub fn geojson(bytes: &[u8]) -> Option<Drawing> {
+    drawing(geojson::read(&text(bytes)))
+}
+
+/// A table of points, in metres or degrees.
+pub fn csv(bytes: &[u8]) -> Option<Drawing> {
+    let place = Geodetic {
+        latitude: 52.0,
+        longitude: 179.99,
+    };
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    drawing(csv::read(&text(bytes), Some(&frame)))
+}
+
+/// The files of an AgOpenGPS field, between bytes 0.
+pub fn agopengps(bytes: &[u8]) -> Option<Drawing> {
+    let parts: Vec<String> = bytes.split(|byte| *byte == 0).map(text).collect();
+    let part = |index: usize| parts.get(index).map(String::as_str);
+    drawing(agopengps::read(&agopengps::Files {
+        field: part(0).unwrap_or_default(),
+        boundary: part(1),
+        ab_lines: part(2),
+        curve_lines: part(3),
+        track_lines: part(4),
+    }))
+}
+
+/// A file of ISO 11783-10.
+pub fn isoxml(bytes: &[u8]) -> Option<Drawing> {
+    drawing(isoxml::read(&text(bytes)))
+}
+
+/// Errors are one sentence.
+fn sentence(error: &str) {
+    assert!(!error.is_empty() && !error.contains('\n'), "{error:?}");
+}
+
+/// A drawing must have shapes that are what they say.
+fn drawing(result: Result<Drawing, ReadError>) -> Option<Drawing> {
+    let drawing = result.map_err(|error| sentence(&error.to_string())).ok()?;
+    assert!(!drawing.shapes.is_empty());
+    assert!(drawing.skipped.iter().all(|skipped| skipped.count > 0));
+    let on_earth = |place: &Geodetic| Geodetic::checked(place.latitude, place.longitude).is_some();
+    for named in &drawing.shapes {
+        assert!(!named.name.trim().is_empty());
+        match &named.shape {
+            Shape::Line { from, to } => assert!(from != to && on_earth(from) && on_earth(to)),
+            Shape::Curve(places) => assert!(places.len() > 2 && places.iter().all(on_earth)),
+            Shape::Polygon { outer, holes } => {
+                for ring in std::iter::once(outer).chain(holes) {
+                    assert!(ring.len() > 2 && ring.first() != ring.last());
+                    assert!(ring.iter().all(on_earth));
+                }
+            }
+        }
+    }
+    Some(drawing)
+}
