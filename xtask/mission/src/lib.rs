@@ -10,12 +10,13 @@
 //! - [`place`]: latitude and longitude, and the local frame that the vehicle drives in
 //! - [`plan`]: the plan and its file
 //! - [`read`]: readers of other tools' files
-//! - `curve`: a drivable curve through points
+//! - [`curve`]: a drivable curve through points
 //! - `field`: headland and swaths from a boundary
 //! - `picture`: the plan from above, as SVG
 //!
 //! The crate knows no vehicle: limits such as the turning radius are given to it.
 
+pub mod curve;
 pub mod place;
 pub mod plan;
 pub mod polygon;

@@ -2,7 +2,7 @@
 //! fuzz targets with random bytes are here too.
 
 #[path = "../fuzz/src/lib.rs"]
-#[expect(unreachable_pub, reason = "a library of its own in `fuzz/`")]
+#[expect(unreachable_pub, dead_code, reason = "a library of its own in `fuzz/`")]
 mod fuzz;
 
 #[path = "read/agopengps.rs"]

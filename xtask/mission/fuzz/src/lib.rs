@@ -1,7 +1,8 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with random bytes, because a
 //! fuzzer needs a nightly toolchain.
 
-use mission::place::{Frame, Geodetic, Origin};
+use mission::curve::{self, Chain, Options, Resampling};
+use mission::place::{Frame, Geodetic, Local, Origin};
 use mission::plan::Plan;
 use mission::read::{Drawing, ReadError, Shape, agopengps, csv, geojson, isoxml, text};
 
@@ -71,4 +72,39 @@ fn drawing(result: Result<Drawing, ReadError>) -> Option<Drawing> {
         }
     }
     Some(drawing)
+}
+
+/// A curve through points of 16 bits for each coordinate, in centimetres; the first byte has the options. A curve that is found
+/// must come near its points and have no jumps.
+pub fn curve(bytes: &[u8]) -> Option<Chain> {
+    let (head, points) = bytes.split_first()?;
+    let coordinate = |bytes: &[u8]| match bytes {
+        [high, low] => f64::from(i16::from_be_bytes([*high, *low])) / 100.0,
+        _ => 0.0,
+    };
+    let points = points.chunks_exact(4);
+    let mut points: Vec<Local> = points
+        .map(|four| Local::new(coordinate(&four[..2]), coordinate(&four[2..])))
+        .collect();
+    if head & 1 != 0 {
+        points.extend(points.first().copied());
+    }
+    let resampling = (head & 4 != 0).then_some(Resampling {
+        spacing: 20.0,
+        noise: 0.1 * f64::from(head >> 3),
+    });
+    let options = Options {
+        straight_ends: head & 2 != 0,
+        resampling,
+        ..Options::default()
+    };
+    let chain = curve::fit(&points, &options).map_err(|error| sentence(&error.to_string()));
+    let chain = chain.ok()?;
+    assert!(chain.deviation <= options.tolerance, "{}", chain.deviation);
+    for pair in chain.segments.windows(2) {
+        let end = pair[0].end();
+        assert!(end.place.distance(pair[1].start.place) < 1e-6);
+        assert!((end.heading - pair[1].start.heading).sin().abs() < 1e-6);
+    }
+    Some(chain)
 }

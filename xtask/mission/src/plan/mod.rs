@@ -54,7 +54,7 @@ pub enum Shape {
         /// Its end.
         to: Local,
     },
-    /// A curve through points, at least two. `curve::fit` makes it drivable.
+    /// A curve through points, at least two. [`crate::curve::fit`] makes it drivable.
     Curve {
         /// The points in driving order.
         points: Vec<Local>,

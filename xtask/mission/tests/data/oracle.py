@@ -1,10 +1,11 @@
-"""Writes projection.csv and areas.json: known answers of PROJ (pyproj) and GEOS (shapely).
+"""Writes projection.csv, areas.json and clothoids.csv: known answers of PROJ (pyproj), GEOS (shapely) and of E. Bertolazzi's
+library of clothoids (pyclothoids).
 
-Run it by hand after a change (pip install pyproj shapely):
+Run it by hand after a change (pip install pyproj shapely pyclothoids):
 
     python xtask/mission/tests/data/oracle.py
 
-`tests/projection.rs` and `tests/field.rs` compare with these numbers. The tests need no Python.
+`tests/projection.rs`, `tests/field.rs` and the tests of `src/curve/hermite.rs` compare with these numbers. The tests need no Python.
 """
 
 import json
@@ -12,6 +13,7 @@ import math
 import pathlib
 import random
 
+import pyclothoids
 import pyproj
 import shapely
 
@@ -86,5 +88,21 @@ def areas():
     (FOLDER / "areas.json").write_text(json.dumps(fields, indent=1) + "\n")
 
 
+def clothoids():
+    """The clothoid from the origin to another pose: x north, y east, angles clockwise."""
+    rng = random.Random(3)
+    rows = ["heading,north,east,heading at the end,curvature,sharpness,length"]
+    for _ in range(60):
+        first, second = rng.uniform(-1.5, 1.5), rng.uniform(-1.5, 1.5)
+        chord, bearing = 10 ** rng.uniform(-1, 2), rng.uniform(-3, 3)
+        to = (chord * math.cos(bearing), chord * math.sin(bearing))
+        start, end = bearing + first, bearing + second
+        found = pyclothoids.Clothoid.G1Hermite(0, 0, start, *to, end)
+        values = [start, *to, end, found.KappaStart, found.dk, found.length]
+        rows.append(",".join(repr(value) for value in values))
+    (FOLDER / "clothoids.csv").write_text("\n".join(rows) + "\n")
+
+
 projection()
 areas()
+clothoids()
