@@ -19,6 +19,16 @@ pub(crate) fn ring(corners: &[Local]) -> LineString {
     line
 }
 
+/// The corners of a closed line.
+pub(crate) fn corners(ring: &LineString) -> Vec<Local> {
+    let place = |coord: &Coord| Local::new(coord.y, coord.x);
+    let mut corners: Vec<Local> = ring.coords().map(place).collect();
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    corners
+}
+
 /// Area, m2, positive if the corners go round clockwise as seen from above.
 #[must_use]
 pub fn area(corners: &[Local]) -> f64 {

@@ -1,7 +1,8 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with random bytes, because a
 //! fuzzer needs a nightly toolchain.
 
-use mission::curve::{self, Chain, Options, Resampling};
+use mission::curve::{self, Chain, Resampling};
+use mission::field::{self, Area, Direction, Field, Order};
 use mission::place::{Frame, Geodetic, Local, Origin};
 use mission::plan::Plan;
 use mission::read::{Drawing, ReadError, Shape, agopengps, csv, geojson, isoxml, text};
@@ -93,10 +94,10 @@ pub fn curve(bytes: &[u8]) -> Option<Chain> {
         spacing: 20.0,
         noise: 0.1 * f64::from(head >> 3),
     });
-    let options = Options {
+    let options = curve::Options {
         straight_ends: head & 2 != 0,
         resampling,
-        ..Options::default()
+        ..curve::Options::default()
     };
     let chain = curve::fit(&points, &options).map_err(|error| sentence(&error.to_string()));
     let chain = chain.ok()?;
@@ -107,4 +108,45 @@ pub fn curve(bytes: &[u8]) -> Option<Chain> {
         assert!((end.heading - pair[1].start.heading).sin().abs() < 1e-6);
     }
     Some(chain)
+}
+
+/// A field of corners of 8 bits for each coordinate, in metres. The first bytes are width, headland, direction, radius, and the number of
+/// corners of the edge; the rest are those of a hole.
+pub fn field(bytes: &[u8]) -> Option<Field> {
+    let [width, headland, direction, radius, edge, corners @ ..] = bytes else {
+        return None;
+    };
+    let corners = corners.chunks_exact(2);
+    let corners: Vec<Local> = corners
+        .map(|pair| Local::new(f64::from(pair[0]), f64::from(pair[1])))
+        .collect();
+    let (outer, hole) = corners.split_at(usize::from(*edge).min(corners.len()));
+    let area = Area {
+        outer: outer.to_vec(),
+        holes: vec![hole.to_vec()],
+    };
+    let options = field::Options {
+        headland: f64::from(*headland) / 8.0,
+        direction: match direction {
+            0 => Direction::Auto,
+            degrees => Direction::Bearing(f64::from(*degrees).to_radians()),
+        },
+        order: if radius & 1 == 0 {
+            Order::Neighbouring
+        } else {
+            Order::Skip
+        },
+        radius: f64::from(*radius) / 16.0,
+        ..field::Options::new(0.5 + f64::from(*width) / 16.0)
+    };
+    let field = field::divide(&area, &options).map_err(|error| sentence(&error.to_string()));
+    let field = field.ok()?;
+    let covered = field.coverage;
+    assert!(covered.covered <= covered.inner + 1.0, "{covered:?}");
+    assert!(covered.inner <= covered.field + 1.0, "{covered:?}");
+    assert!(!field.swaths.is_empty());
+    for swath in &field.swaths {
+        assert!(swath.length() >= options.shortest - 1e-6);
+    }
+    Some(field)
 }
