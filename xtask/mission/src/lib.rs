@@ -12,12 +12,13 @@
 //! - [`read`]: readers of other tools' files
 //! - [`curve`]: a drivable curve through points
 //! - [`field`]: headland and swaths from a boundary
-//! - `picture`: the plan from above, as SVG
+//! - [`picture`]: the plan from above, as SVG
 //!
 //! The crate knows no vehicle: limits such as the turning radius are given to it.
 
 pub mod curve;
 pub mod field;
+pub mod picture;
 pub mod place;
 pub mod plan;
 pub mod polygon;
