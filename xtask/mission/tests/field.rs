@@ -6,7 +6,7 @@ mod fuzz;
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use mission::field::{Area, Direction, Field, FieldError, Options, Order, Work, divide};
+use mission::field::{Area, Direction, Ends, Field, FieldError, Options, Order, Work, divide};
 use mission::place::{Local, Origin};
 use mission::plan::{End, Outputs};
 use mission::polygon;
@@ -166,6 +166,51 @@ fn the_best_direction_is_along_the_field() {
         ..Options::new(3.0)
     };
     assert_eq!(divide(&long, &across).unwrap().swaths.len(), 67);
+}
+
+#[test]
+fn longer_swaths_cover_slanted_ends() {
+    // A parallelogram: its swaths run along the longer sides and end at 45 degrees.
+    let slanted = area(
+        &[(0.0, 0.0), (60.0, 60.0), (60.0, 200.0), (0.0, 140.0)],
+        &[],
+    );
+    let options = Options {
+        headland: 6.0,
+        direction: Direction::Bearing(FRAC_PI_2),
+        ..Options::new(3.0)
+    };
+    let middle = divide(&slanted, &options).unwrap();
+    let whole = divide(
+        &slanted,
+        &Options {
+            ends: Ends::Whole,
+            ..options
+        },
+    )
+    .unwrap();
+    assert_eq!(whole.swaths.len(), middle.swaths.len());
+    // A triangle of half the width at each end of 16 swaths.
+    let missing = middle.coverage.inner - middle.coverage.covered;
+    assert!((missing - 32.0 * 1.5 * 1.5 / 2.0).abs() < 3.0, "{missing}");
+    let share = whole.coverage.share();
+    assert!(share > 0.9995, "{share}");
+    for (long, short) in whole.swaths.iter().zip(&middle.swaths) {
+        assert!(
+            (long.length() - short.length() - 3.0).abs() < 0.02,
+            "{} {}",
+            long.length(),
+            short.length()
+        );
+    }
+    // Nothing leaves the field.
+    let edge = slanted.outer;
+    assert!(whole.swaths.iter().all(|swath| {
+        swath
+            .strip(3.0)
+            .iter()
+            .all(|corner| polygon::holds(&edge, *corner, 1e-6))
+    }));
 }
 
 #[test]
@@ -362,13 +407,14 @@ proptest! {
 
     #[test]
     fn stars_are_covered(
-        radii in prop::collection::vec(20.0_f64..80.0, 4..16), width in 1.0_f64..6.0, headland in 0.0_f64..6.0, skip: bool,
+        radii in prop::collection::vec(20.0_f64..80.0, 4..16), width in 1.0_f64..6.0, headland in 0.0_f64..6.0, skip: bool, longer: bool,
     ) {
         let step = std::f64::consts::TAU / radii.len() as f64;
         let outer = radii.iter().enumerate().map(|(i, radius)| Local::default().towards(i as f64 * step, *radius));
         let shape = Area { outer: outer.collect(), holes: Vec::new() };
         let order = if skip { Order::Skip } else { Order::Neighbouring };
-        let options = Options { headland, order, radius: 2.0, ..Options::new(width) };
+        let ends = if longer { Ends::Whole } else { Ends::Middle };
+        let options = Options { headland, order, ends, radius: 2.0, ..Options::new(width) };
         let Ok(field) = divide(&shape, &options) else { return Ok(()) };
         let covered = field.coverage;
         prop_assert!(covered.covered <= covered.inner + 1e-6 && covered.inner <= covered.field + 1e-6);
@@ -379,7 +425,10 @@ proptest! {
         for swath in &field.swaths {
             prop_assert!(swath.length() >= options.shortest - 1e-9);
             let middle = swath.from.between(swath.to, 0.5);
-            prop_assert!(field.inner.iter().any(|part| polygon::holds(&part.outer, middle, 1e-3)));
+            // Longer ones reach into the headland, but not out of the field.
+            let inside = |area: &Area| polygon::holds(&area.outer, middle, 1e-3);
+            let is_inside = if longer { inside(&field.area) } else { field.inner.iter().any(inside) };
+            prop_assert!(is_inside, "{:?}", swath);
         }
         let plan = field.plan("star", Origin::default(), &Work { speed: 1.0, outputs: Outputs(1), end: End::Stop });
         prop_assert!(plan.check().is_ok(), "{:?}", plan.check());

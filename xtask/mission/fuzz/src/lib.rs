@@ -2,7 +2,7 @@
 //! fuzzer needs a nightly toolchain.
 
 use mission::curve::{self, Chain, Resampling};
-use mission::field::{self, Area, Direction, Field, Order};
+use mission::field::{self, Area, Direction, Ends, Field, Order};
 use mission::place::{Frame, Geodetic, Local, Origin};
 use mission::plan::Plan;
 use mission::read::{Drawing, ReadError, Shape, agopengps, csv, geojson, isoxml, text};
@@ -135,6 +135,11 @@ pub fn field(bytes: &[u8]) -> Option<Field> {
             Order::Neighbouring
         } else {
             Order::Skip
+        },
+        ends: if radius & 2 == 0 {
+            Ends::Middle
+        } else {
+            Ends::Whole
         },
         radius: f64::from(*radius) / 16.0,
         ..field::Options::new(0.5 + f64::from(*width) / 16.0)

@@ -86,6 +86,8 @@ pub struct Options {
     pub headland: f64,
     /// Direction of the swaths.
     pub direction: Direction,
+    /// Where they end.
+    pub ends: Ends,
     /// Their order.
     pub order: Order,
     /// Radius of the tightest turn, m; 0 if the vehicle turns on the spot.
@@ -104,6 +106,7 @@ impl Options {
             width,
             headland: 2.0 * width,
             direction: Direction::Auto,
+            ends: Ends::Middle,
             order: Order::Neighbouring,
             radius: 0.0,
             shortest: 1.0,
@@ -120,6 +123,16 @@ pub enum Direction {
     Auto,
     /// Radians clockwise from north.
     Bearing(f64),
+}
+
+/// Where a swath ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ends {
+    /// Where its middle leaves the inner area. Where the edge is slanted, a triangle of the inner area stays uncovered.
+    Middle,
+    /// Where all of its width has left the inner area: it covers the triangle, and as much of the headland beside it. Its middle stays
+    /// as far from the edge of the field as the headland is wide, less half a width; without a headland it stays inside the field.
+    Whole,
 }
 
 /// Order of the swaths of a block.
@@ -295,7 +308,7 @@ pub fn divide(area: &Area, options: &Options) -> Result<Field, FieldError> {
         Direction::Auto => swaths::fewest(&parts, options),
         Direction::Bearing(bearing) => bearing.rem_euclid(std::f64::consts::PI),
     };
-    let cut = swaths::cut(&parts, bearing, options);
+    let mut cut = swaths::cut(&parts, bearing, options);
     if cut.pieces.len() > MOST_SWATHS {
         return Err(FieldError::Many {
             count: cut.pieces.len(),
@@ -303,6 +316,11 @@ pub fn divide(area: &Area, options: &Options) -> Result<Field, FieldError> {
     }
     if cut.pieces.is_empty() {
         return Err(FieldError::Short);
+    }
+    if options.ends == Ends::Whole {
+        let reach = inset(&whole, (options.headland - 0.5 * options.width).max(0.0));
+        let reach: Vec<Area> = reach.iter().map(Area::from_polygon).collect();
+        swaths::lengthen(&mut cut, &parts, &reach, bearing, options);
     }
     let swaths = order::ordered(&cut.pieces, bearing, options);
     let least = 2.0 * options.radius * (1.0 - 1e-9);

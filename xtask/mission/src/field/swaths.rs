@@ -40,56 +40,143 @@ pub(super) fn place(along: f64, right: f64, bearing: f64) -> Local {
         .towards(bearing + PI / 2.0, right)
 }
 
-/// Swaths over the areas in a direction.
-pub(super) fn cut(areas: &[Area], bearing: f64, options: &Options) -> Cut {
-    let rings: Vec<Vec<(f64, f64)>> = areas
-        .iter()
-        .flat_map(Area::rings)
-        .map(|ring| ring.iter().map(|corner| turned(*corner, bearing)).collect())
-        .collect();
-    let sides = rings.iter().flatten().map(|(_, right)| *right);
-    let (least, most) = sides.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), side| {
-        (least.min(side), most.max(side))
-    });
-    // A remainder of a millimetre needs no swath.
-    let count = ((most - least - 1e-3) / options.width).ceil().max(1.0);
-    let first = 0.5 * (least + most) - 0.5 * (count - 1.0) * options.width;
-    let right = |track: usize| first + track as f64 * options.width;
-    // Where each swath crosses an edge, along it.
-    let mut crossings = vec![Vec::new(); count as usize];
-    for ring in &rings {
-        for ((along, side), (next_along, next_side)) in ring.iter().zip(ring.iter().cycle().skip(1))
-        {
-            let (low, high) = (side.min(*next_side), side.max(*next_side));
-            let from = ((low - first) / options.width - 1.0).max(0.0) as usize;
-            // An edge has its lower end and not its upper one, so that corners count once.
-            let crossed = (from..crossings.len()).skip_while(|track| right(*track) < low);
-            for track in crossed.take_while(|track| right(*track) < high) {
-                let share = (right(track) - side) / (next_side - side);
-                crossings[track].push(along + share * (next_along - along));
-            }
+/// A ring along a direction and to its right.
+type Turned = Vec<(f64, f64)>;
+
+fn rings(areas: &[Area], bearing: f64) -> Vec<Turned> {
+    let turn = |ring: &Vec<Local>| ring.iter().map(|corner| turned(*corner, bearing)).collect();
+    areas.iter().flat_map(Area::rings).map(turn).collect()
+}
+
+/// Parallel lines, evenly spaced.
+#[derive(Clone, Copy)]
+struct Lines {
+    /// Distance of the first one to the right of the origin, m.
+    first: f64,
+    width: f64,
+    count: usize,
+}
+
+impl Lines {
+    /// As few lines as make swaths over rings.
+    fn over(rings: &[Turned], width: f64) -> Self {
+        let sides = rings.iter().flatten().map(|(_, right)| *right);
+        let (least, most) = sides
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), side| {
+                (least.min(side), most.max(side))
+            });
+        // A remainder of a millimetre needs no swath.
+        let count = ((most - least - 1e-3) / width).ceil().max(1.0);
+        Self {
+            first: 0.5 * (least + most) - 0.5 * (count - 1.0) * width,
+            width,
+            count: count as usize,
         }
     }
+
+    fn right(&self, line: usize) -> f64 {
+        self.first + line as f64 * self.width
+    }
+
+    /// The parts of each line that are inside the rings, ascending.
+    fn inside(&self, rings: &[Turned]) -> Vec<Vec<(f64, f64)>> {
+        let mut crossings = vec![Vec::new(); self.count];
+        for ring in rings {
+            let next = ring.iter().cycle().skip(1);
+            for ((along, side), (next_along, next_side)) in ring.iter().zip(next) {
+                let (low, high) = (side.min(*next_side), side.max(*next_side));
+                let from = ((low - self.first) / self.width - 1.0).max(0.0) as usize;
+                // An edge has its lower end and not its upper one, so that corners count once.
+                let crossed = (from..self.count).skip_while(|line| self.right(*line) < low);
+                for line in crossed.take_while(|line| self.right(*line) < high) {
+                    let share = (self.right(line) - side) / (next_side - side);
+                    crossings[line].push(along + share * (next_along - along));
+                }
+            }
+        }
+        let pairs = crossings.into_iter().map(|mut crossings| {
+            crossings.sort_by(f64::total_cmp);
+            crossings
+                .chunks_exact(2)
+                .map(|pair| (pair[0], pair[1]))
+                .collect()
+        });
+        pairs.collect()
+    }
+}
+
+/// Swaths over the areas in a direction.
+pub(super) fn cut(areas: &[Area], bearing: f64, options: &Options) -> Cut {
+    let rings = rings(areas, bearing);
+    let lines = Lines::over(&rings, options.width);
     let mut cut = Cut {
         pieces: Vec::new(),
         too_short: 0,
     };
-    for (track, crossings) in crossings.iter_mut().enumerate() {
-        crossings.sort_by(f64::total_cmp);
-        for pair in crossings.chunks_exact(2) {
+    for (track, parts) in lines.inside(&rings).into_iter().enumerate() {
+        for (from, to) in parts {
             let piece = Piece {
                 track,
-                right: right(track),
-                from: pair[0],
-                to: pair[1],
+                right: lines.right(track),
+                from,
+                to,
             };
-            match piece.to - piece.from >= options.shortest {
+            match to - from >= options.shortest {
                 true => cut.pieces.push(piece),
                 false => cut.too_short += 1,
             }
         }
     }
     cut
+}
+
+/// Lines over the width of a swath by which its ends are found.
+const ACROSS: usize = 8;
+
+/// Lengthens pieces until their whole width has left the areas, as far as their middle stays inside `reach`.
+pub(super) fn lengthen(
+    cut: &mut Cut,
+    areas: &[Area],
+    reach: &[Area],
+    bearing: f64,
+    options: &Options,
+) {
+    let (inner, reach) = (rings(areas, bearing), rings(reach, bearing));
+    let lines = Lines::over(&inner, options.width);
+    let far = lines.inside(&reach);
+    // The outermost ones are just inside the swath, so that an edge along it belongs to one side only.
+    let across: Vec<_> = (0..ACROSS)
+        .map(|index| {
+            let share = index as f64 / (ACROSS - 1) as f64 - 0.5;
+            let first = lines.first + share * 0.999 * options.width;
+            Lines { first, ..lines }.inside(&inner)
+        })
+        .collect();
+    let old: Vec<Piece> = cut.pieces.clone();
+    for (index, piece) in cut.pieces.iter_mut().enumerate() {
+        let beside = across.iter().flat_map(|lines| &lines[piece.track]);
+        let (mut from, mut to) = (piece.from, piece.to);
+        for (begin, end) in beside.filter(|(begin, end)| *begin < piece.to && *end > piece.from) {
+            from = from.min(*begin);
+            to = to.max(*end);
+        }
+        // The middle of the piece is in one part of the reach.
+        let middle = 0.5 * (piece.from + piece.to);
+        let part = far[piece.track]
+            .iter()
+            .find(|(begin, end)| *begin <= middle && middle <= *end);
+        let (mut least, mut most) = part.copied().unwrap_or((piece.from, piece.to));
+        // Two pieces of a swath do not overlap.
+        let before = index.checked_sub(1).and_then(|before| old.get(before));
+        if let Some(before) = before.filter(|before| before.track == piece.track) {
+            least = least.max(0.5 * (before.to + piece.from));
+        }
+        if let Some(next) = old.get(index + 1).filter(|next| next.track == piece.track) {
+            most = most.min(0.5 * (piece.to + next.from));
+        }
+        piece.from = from.max(least).min(piece.from);
+        piece.to = to.min(most).max(piece.to);
+    }
 }
 
 /// The direction with the fewest pieces, rad clockwise from north in [0, pi).
