@@ -40,23 +40,41 @@ fn a_line_is_a_mission() {
 }
 
 #[test]
-fn the_line_is_the_uagvs() {
-    let manifest = include_str!("../../../firmware/vehicles/uagv/vehicle.toml");
-    let manifest: toml::Table = manifest.parse().unwrap();
-    let points = manifest["waypoint"].as_array().unwrap().iter();
-    let metres = |text: &toml::Value| {
-        text.as_str()
-            .unwrap()
-            .strip_suffix(" m")
-            .unwrap()
-            .parse()
-            .unwrap()
-    };
-    let points: Vec<Local> = points
-        .map(|p| Local::new(metres(&p["north"]), metres(&p["east"])))
-        .collect();
+fn the_line_is_the_default_mission_of_the_uagv() {
+    let vehicles = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../firmware/vehicles");
+    let vehicle = |name| vehicle_model::Vehicle::find(&vehicles, name).unwrap();
     let plan = Plan::read(LINE, "line.toml").unwrap();
-    assert_eq!(plan.legs[0].shape.points(), points);
+    let uagv = vehicle("uagv");
+    let default = Plan::of_manifest("243 m line", plan.origin, uagv.manifest());
+    assert_eq!(default, Some(plan.clone()));
+    let boards = vehicle("two-boards");
+    assert_eq!(
+        Plan::of_manifest("none", plan.origin, boards.manifest()),
+        None
+    );
+}
+
+#[test]
+fn the_example_of_the_page_is_a_mission() {
+    let page = include_str!("../MISSIONS.md");
+    let (_, example) = page.split_once("```toml\n").unwrap();
+    let (example, _) = example.split_once("```").unwrap();
+    let plan = Plan::read(example, "example").unwrap();
+    assert_eq!(plan.legs.len(), 3);
+    assert_eq!(plan.legs[1].outputs, Outputs(0b11));
+    assert_eq!(plan.legs[2].join, Join::Continue);
+    // The ranges of the page are those of the crate.
+    use mission::plan::{FASTEST, GAP, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST};
+    for fact in [
+        format!("1 to {LONGEST_NAME} characters"),
+        format!("1 to {MOST_LEGS} legs"),
+        format!("2 to {MOST_POINTS} points"),
+        format!("above 0 to {FASTEST} m/s"),
+        format!("{SHORTEST} m or longer"),
+        format!("within {} cm", GAP * 100.0),
+    ] {
+        assert!(page.contains(&fact), "{fact}");
+    }
 }
 
 #[test]

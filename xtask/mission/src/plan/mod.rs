@@ -134,6 +134,38 @@ impl Outputs {
 }
 
 impl Plan {
+    /// The default mission of a vehicle: from waypoint to waypoint of its manifest at its cruise speed. `None` for one without a
+    /// machine or waypoints.
+    #[must_use]
+    pub fn of_manifest(
+        name: &str,
+        origin: Origin,
+        manifest: &vehicle_model::Manifest,
+    ) -> Option<Self> {
+        let speed = manifest.machine.as_ref()?.cruise.get();
+        let waypoints = manifest.waypoints.iter();
+        let places = waypoints.map(|point| Local::new(point.north.get(), point.east.get()));
+        let places: Vec<Local> = places.collect();
+        let legs = places.windows(2).map(|pair| Leg {
+            shape: Shape::Line {
+                from: pair[0],
+                to: pair[1],
+            },
+            speed,
+            reverse: false,
+            outputs: Outputs(0),
+            join: Join::Turn,
+        });
+        let legs: Vec<Leg> = legs.collect();
+        (!legs.is_empty()).then(|| Self {
+            name: name.to_owned(),
+            origin,
+            fence: Vec::new(),
+            legs,
+            end: End::Stop,
+        })
+    }
+
     /// The local frame of the plan.
     #[must_use]
     pub fn frame(&self) -> Frame {
