@@ -6,7 +6,9 @@ mod fuzz;
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use mission::field::{Area, Direction, Ends, Field, FieldError, Options, Order, Work, divide};
+use mission::field::{
+    Area, Direction, Ends, Field, FieldError, Headland, Options, Order, Work, divide,
+};
 use mission::place::{Local, Origin};
 use mission::plan::{End, Outputs};
 use mission::polygon;
@@ -392,6 +394,7 @@ fn a_field_becomes_a_plan() {
     let work = Work {
         speed: 1.0,
         outputs: Outputs(1),
+        headland: Headland::Left,
         end: End::Stop,
     };
     let plan = field.plan("field", Origin::default(), &work);
@@ -400,6 +403,67 @@ fn a_field_becomes_a_plan() {
     // It begins at the corner where the vehicle stands.
     let (begin, _) = plan.legs[0].shape.ends();
     assert!(begin.distance(Local::new(94.0, 94.0)) < 3.0, "{begin}");
+}
+
+#[test]
+fn the_headland_is_driven_in_rounds() {
+    let shape = Area {
+        holes: vec![ring(&[
+            (48.0, 48.0),
+            (48.0, 52.0),
+            (52.0, 52.0),
+            (52.0, 48.0),
+        ])],
+        ..hectare()
+    };
+    let options = Options {
+        headland: 6.0,
+        radius: 2.5,
+        ..Options::new(3.0)
+    };
+    let field = divide(&shape, &options).unwrap();
+    let rounds = field.rounds();
+    // Two along the edge and two round the pond.
+    assert_eq!(rounds.len(), 4);
+    let outer = &rounds[0];
+    assert_eq!(outer.first(), outer.last());
+    let edge: Vec<Local> = field.area.outer.clone();
+    for point in outer {
+        let away = (0..4).map(|i| polygon::distance_to_piece(*point, edge[i], edge[(i + 1) % 4]));
+        let away = away.fold(f64::INFINITY, f64::min);
+        // Half a width, except in the corners.
+        assert!(away > 1.5 - 1e-6, "{point}: {away}");
+    }
+    let work = Work {
+        speed: 1.0,
+        outputs: Outputs(1),
+        headland: Headland::First,
+        end: End::Stop,
+    };
+    let plan = field.plan("rounds", Origin::default(), &work);
+    plan.check().unwrap();
+    let chains = mission::curve::legs(&plan, &mission::curve::Options::default()).unwrap();
+    for chain in &chains[..4] {
+        assert_eq!(chain.continuity, mission::curve::Continuity::Curvature);
+        assert!(
+            chain.deviation <= 0.02 && chain.bulge < 0.06,
+            "{} {}",
+            chain.deviation,
+            chain.bulge
+        );
+    }
+    // The rounds along the edge can be driven.
+    let radius = |index: usize| 1.0 / chains[index].tightest.curvature.abs();
+    for round in [0, 2] {
+        assert!(radius(round) > 2.5, "{round}: {}", radius(round));
+    }
+    let last = Work {
+        headland: Headland::Last,
+        ..work
+    };
+    let turned = field.plan("rounds", Origin::default(), &last);
+    assert_eq!(turned.legs.len(), plan.legs.len());
+    assert_eq!(turned.legs[0], plan.legs[4]);
 }
 
 proptest! {
@@ -430,7 +494,14 @@ proptest! {
             let is_inside = if longer { inside(&field.area) } else { field.inner.iter().any(inside) };
             prop_assert!(is_inside, "{:?}", swath);
         }
-        let plan = field.plan("star", Origin::default(), &Work { speed: 1.0, outputs: Outputs(1), end: End::Stop });
+        let edge = &field.area.outer;
+        for point in field.rounds().iter().flatten() {
+            let next = edge.iter().cycle().skip(1);
+            let away = edge.iter().zip(next).map(|(from, to)| polygon::distance_to_piece(*point, *from, *to));
+            // Arcs of corners have pieces that are a little inside them.
+            prop_assert!(away.fold(f64::INFINITY, f64::min) > 0.495 * width, "{}", point);
+        }
+        let plan = field.plan("star", Origin::default(), &Work { speed: 1.0, outputs: Outputs(1), headland: Headland::Left, end: End::Stop });
         prop_assert!(plan.check().is_ok(), "{:?}", plan.check());
     }
 

@@ -9,6 +9,7 @@
 //! Choset and Pignon 1997). Within a block the order is that of [`Order`], the direction alternates, and the next block is the one
 //! that begins nearest. The way between blocks is left to the vehicle's turns; it can lead through a hole.
 
+mod headland;
 mod order;
 mod swaths;
 
@@ -438,30 +439,70 @@ pub struct Work {
     pub speed: f64,
     /// Sections of the implement that work.
     pub outputs: Outputs,
-    /// What follows the last swath.
+    /// When the headland is driven.
+    pub headland: Headland,
+    /// What follows the last leg.
     pub end: End,
 }
 
+/// When the headland is driven: round by round, along the edge and round every hole, the outermost round first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Headland {
+    /// It is not.
+    Left,
+    /// Before the swaths.
+    First,
+    /// After the swaths.
+    Last,
+}
+
 impl Field {
-    /// The plan that drives all swaths, with a turn between two, inside the edge of the field.
+    /// The plan that drives all swaths, with a turn between two, and the headland if wanted, inside the edge of the field. Rounds
+    /// of the headland are closed curves.
     #[must_use]
     pub fn plan(&self, name: &str, origin: Origin, work: &Work) -> Plan {
-        let leg = |swath: &Swath| Leg {
-            shape: Shape::Line {
-                from: swath.from,
-                to: swath.to,
-            },
+        let leg = |shape| Leg {
+            shape,
             speed: work.speed,
             reverse: false,
             outputs: work.outputs,
             join: Join::Turn,
         };
+        let swaths = self.swaths.iter().map(|swath| {
+            leg(Shape::Line {
+                from: swath.from,
+                to: swath.to,
+            })
+        });
+        let rounds = |from: Option<Local>| {
+            let rounds = headland::from_nearest(self.rounds(), from);
+            rounds
+                .into_iter()
+                .map(|points| leg(Shape::Curve { points }))
+        };
+        let legs = match work.headland {
+            Headland::Left => swaths.collect(),
+            Headland::First => rounds(self.options.start).chain(swaths).collect(),
+            Headland::Last => {
+                let end = self.swaths.last().map(|swath| swath.to);
+                swaths.chain(rounds(end)).collect()
+            }
+        };
         Plan {
             name: name.to_owned(),
             origin,
             fence: self.area.outer.clone(),
-            legs: self.swaths.iter().map(leg).collect(),
+            legs,
             end: work.end,
         }
+    }
+
+    /// Middle lines of the rounds in the headland, the outermost first, each with its first point again at the end. Their corners have
+    /// the radius of the options and a quarter more, so that a curve of clothoids through them stays within the radius; where the
+    /// edge turns more sharply, something in the corner is not reached. Round a notch or a hole that turns more sharply than the
+    /// vehicle can, the line does as well: [`crate::curve::fit`] tells.
+    #[must_use]
+    pub fn rounds(&self) -> Vec<Vec<Local>> {
+        headland::rounds(&self.area.polygon(), &self.options)
     }
 }
