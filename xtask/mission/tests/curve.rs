@@ -6,9 +6,9 @@ mod fuzz;
 
 use std::f64::consts::{PI, TAU};
 
-use mission::curve::{Chain, Continuity, CurveError, Options, Resampling, fit, leg};
-use mission::place::Local;
-use mission::plan::{Join, Leg, Outputs, Shape};
+use mission::curve::{Chain, Continuity, CurveError, Options, Resampling, Segment, fit, leg};
+use mission::place::{Local, Origin};
+use mission::plan::{End, Join, Leg, Outputs, Plan, Shape};
 use proptest::prelude::*;
 
 /// Largest jumps where pieces meet: place (m), heading (rad) and curvature times the length of the shorter piece.
@@ -154,7 +154,8 @@ fn the_tightest_place_is_where_it_is_tightest() {
 #[test]
 fn ends_can_be_straight() {
     let options = Options {
-        straight_ends: true,
+        straight_begin: true,
+        straight_end: true,
         ..Options::default()
     };
     let chain = fit(&circle(20.0, 30, PI), &options).unwrap();
@@ -290,19 +291,159 @@ fn a_line_is_one_piece() {
     assert_eq!(chain.tightest.curvature, 0.0);
 }
 
+fn plan(legs: Vec<Leg>, end: End) -> Plan {
+    Plan {
+        name: "legs".to_owned(),
+        origin: Origin::default(),
+        fence: Vec::new(),
+        legs,
+        end,
+    }
+}
+
+fn of(shape: Shape, join: Join) -> Leg {
+    Leg {
+        shape,
+        speed: 1.0,
+        reverse: false,
+        outputs: Outputs(0),
+        join,
+    }
+}
+
+fn line(from: (f64, f64), to: (f64, f64), join: Join) -> Leg {
+    let place = |(north, east)| Local::new(north, east);
+    of(
+        Shape::Line {
+            from: place(from),
+            to: place(to),
+        },
+        join,
+    )
+}
+
+#[test]
+fn legs_that_continue_have_no_jumps_between_them() {
+    // A line, a bend of a quarter of a circle, a line.
+    let bend = (0..=20)
+        .map(|i| Local::new(50.0, 20.0).towards(-PI / 2.0 + f64::from(i) * PI / 40.0, 20.0));
+    let legs = vec![
+        line((0.0, 0.0), (50.0, 0.0), Join::Turn),
+        of(
+            Shape::Curve {
+                points: bend.collect(),
+            },
+            Join::Continue,
+        ),
+        line((70.0, 20.0), (70.0, 60.0), Join::Continue),
+        line((70.0, 60.0), (70.0, 80.0), Join::Turn),
+        line((70.0, 80.0), (70.0, 90.0), Join::Continue),
+    ];
+    let plan = plan(legs, End::Stop);
+    plan.check().unwrap();
+    let chains = mission::curve::legs(&plan, &Options::default()).unwrap();
+    let segments = |range: std::ops::Range<usize>| {
+        chains[range]
+            .iter()
+            .flat_map(|chain| chain.segments.clone())
+            .collect()
+    };
+    let joined: Vec<Segment> = segments(0..3);
+    let whole = Chain {
+        segments: joined,
+        ..chains[0].clone()
+    };
+    assert_smooth(&whole);
+    for chain in &chains[..3] {
+        assert!(
+            chain.moved <= 0.02 && chain.deviation <= 0.02,
+            "{} {}",
+            chain.moved,
+            chain.deviation
+        );
+    }
+    assert!(chains[0].bulge <= 0.02 && chains[2].bulge <= 0.02);
+    assert!(chains[0].segments[0].start.place.distance(Local::default()) < 1e-9);
+    // Where a turn follows, nothing bends.
+    let last = &whole.segments[whole.segments.len() - 1];
+    assert!(last.curvature_at(last.length).abs() < 1e-9);
+    // Lines without a kink stay lines.
+    assert_eq!(
+        (chains[3].segments.len(), chains[3].tightest.curvature),
+        (1, 0.0)
+    );
+}
+
+#[test]
+fn a_repeated_round_goes_on_without_a_jump() {
+    let mut points = circle(12.0, 36, TAU);
+    *points.last_mut().unwrap() = points[0];
+    let round = of(Shape::Curve { points }, Join::Continue);
+    let jump = |end: End| {
+        let chains =
+            mission::curve::legs(&plan(vec![round.clone()], end), &Options::default()).unwrap();
+        let (first, last) = (
+            &chains[0].segments[0],
+            &chains[0].segments[chains[0].segments.len() - 1],
+        );
+        (last.end().heading - first.start.heading).sin().abs()
+    };
+    assert!(jump(End::Repeat) < 1e-9);
+    assert!(jump(End::Stop) < 1e-2);
+}
+
+#[test]
+fn a_leg_without_a_curve_is_named() {
+    let back = of(
+        Shape::Curve {
+            points: vec![
+                Local::new(10.0, 0.0),
+                Local::new(20.0, 0.0),
+                Local::new(12.0, 0.5),
+            ],
+        },
+        Join::Continue,
+    );
+    let both = plan(
+        vec![line((0.0, 0.0), (10.0, 0.0), Join::Turn), back],
+        End::Stop,
+    );
+    let (leg, error) = mission::curve::legs(&both, &Options::default()).unwrap_err();
+    assert_eq!(leg, 1);
+    assert!(
+        error
+            .to_string()
+            .starts_with("points[1]: the curve doubles back there (20.00 m north"),
+        "{error}"
+    );
+    // A change of the direction of travel is a new curve.
+    let mut reverse = line((10.0, 0.0), (0.0, 0.0), Join::Continue);
+    reverse.reverse = true;
+    let cusp = plan(
+        vec![line((0.0, 0.0), (10.0, 0.0), Join::Turn), reverse],
+        End::Stop,
+    );
+    assert_eq!(
+        mission::curve::legs(&cusp, &Options::default())
+            .unwrap()
+            .len(),
+        2
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     /// Walks with kinks of up to 40 degrees and steps of one to ten metres.
     #[test]
-    fn walks_are_followed(steps in prop::collection::vec((1.0_f64..10.0, -0.7_f64..0.7), 1..60), straight_ends: bool) {
+    fn walks_are_followed(steps in prop::collection::vec((1.0_f64..10.0, -0.7_f64..0.7), 1..60), straight_begin: bool, straight_end: bool) {
         let mut points = vec![Local::default()];
         let mut heading = 0.3;
         for (length, kink) in steps {
             heading += kink;
             points.push(points[points.len() - 1].towards(heading, length));
         }
-        let chain = fit(&points, &Options { straight_ends, ..Options::default() }).unwrap();
+        let chain = fit(&points, &Options { straight_begin, straight_end, ..Options::default() }).unwrap();
         let (place, heading, curvature) = jumps(&chain);
         prop_assert!(place < 1e-7 && heading < 1e-7, "{} {}", place, heading);
         prop_assert!(chain.continuity == Continuity::Curvature && curvature < 1e-5, "{}", curvature);

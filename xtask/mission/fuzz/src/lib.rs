@@ -92,10 +92,11 @@ pub fn curve(bytes: &[u8]) -> Option<Chain> {
     }
     let resampling = (head & 4 != 0).then_some(Resampling {
         spacing: 20.0,
-        noise: 0.1 * f64::from(head >> 3),
+        noise: 0.1 * f64::from(head >> 3 & 7),
     });
     let options = curve::Options {
-        straight_ends: head & 2 != 0,
+        straight_begin: head & 2 != 0,
+        straight_end: head & 64 != 0,
         resampling,
         ..curve::Options::default()
     };

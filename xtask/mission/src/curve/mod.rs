@@ -10,6 +10,7 @@
 
 mod biarc;
 mod hermite;
+mod joint;
 mod segment;
 mod smooth;
 mod spline;
@@ -20,17 +21,20 @@ use crate::place::Local;
 use crate::plan::{Leg, Plan, Shape};
 use crate::polygon::distance_to_piece;
 
+pub(crate) use joint::straight_points;
 pub use segment::{Pose, Segment};
-use spline::Ends;
+use spline::{End, Ends};
 
 /// How a curve is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Largest distance of a point from the curve, m.
     pub tolerance: f64,
-    /// True if the curvature is zero at both ends, as a turn before or behind it needs. Otherwise the end pieces are arcs. A closed
-    /// curve has no ends.
-    pub straight_ends: bool,
+    /// True if the curvature is zero at the beginning, as a turn before it needs. Otherwise the first piece is an arc. A closed curve
+    /// has no beginning.
+    pub straight_begin: bool,
+    /// The same at the end.
+    pub straight_end: bool,
     /// Takes noise out of the points before.
     pub resampling: Option<Resampling>,
 }
@@ -39,7 +43,8 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             tolerance: 0.02,
-            straight_ends: false,
+            straight_begin: false,
+            straight_end: false,
             resampling: None,
         }
     }
@@ -197,7 +202,11 @@ pub fn fit(points: &[Local], options: &Options) -> Result<Chain, CurveError> {
         .map(|resampling| smooth::resampled(points, resampling.spacing, resampling.noise));
     let targets = resampled.as_deref().unwrap_or(points);
     turns(targets)?;
-    let mut chain = spline_near(targets, options);
+    let last = targets.len() - 1;
+    let closed = last >= 3 && targets[0].distance(targets[last]) < SAME;
+    let (pieces, continuity) = spline_near(targets, options.tolerance, ends(options, closed), &[]);
+    let segments = pieces.into_iter().map(|(_, segment)| segment).collect();
+    let mut chain = Chain::of(segments, continuity);
     measure(&mut chain, targets);
     chain.moved = match &resampled {
         None => chain.deviation,
@@ -209,7 +218,7 @@ pub fn fit(points: &[Local], options: &Options) -> Result<Chain, CurveError> {
     Ok(chain)
 }
 
-/// The drivable curve of a leg: the line itself, or a curve that [`fit`] finds.
+/// The drivable curve of a leg by itself: the line, or a curve that [`fit`] finds.
 ///
 /// # Errors
 /// As [`fit`].
@@ -231,14 +240,24 @@ pub fn leg(leg: &Leg, options: &Options) -> Result<Chain, CurveError> {
     }
 }
 
-/// The drivable curves of all legs.
+/// The drivable curves of all legs. Where a leg is reached or left by a turn, its curvature is zero there. Legs that continue each other
+/// are fitted together, so that heading and curvature have no jump between them either; lines among them are then straight to
+/// the tolerance. Lines that continue each other without a kink stay lines. Where the direction of travel changes, legs meet in a
+/// place only.
 ///
 /// # Errors
 /// The first leg that has none, counted from zero, and why.
 pub fn legs(plan: &Plan, options: &Options) -> Result<Vec<Chain>, (usize, CurveError)> {
-    let legs = plan.legs.iter().enumerate();
-    legs.map(|(index, leg)| self::leg(leg, options).map_err(|error| (index, error)))
-        .collect()
+    joint::legs(plan, options)
+}
+
+/// How a curve begins and ends.
+fn ends(options: &Options, closed: bool) -> Ends {
+    let end = |straight| if straight { End::Straight } else { End::Arc };
+    match closed {
+        true => Ends::Closed,
+        false => Ends::Open(end(options.straight_begin), end(options.straight_end)),
+    }
 }
 
 fn check(points: &[Local], options: &Options) -> Result<(), CurveError> {
@@ -265,12 +284,17 @@ fn check(points: &[Local], options: &Options) -> Result<(), CurveError> {
     }
 }
 
+/// Angle between the lines before and behind the middle one of three points, rad.
+fn kink(three: &[Local]) -> f64 {
+    let (one, other) = (three[0].bearing(three[1]), three[1].bearing(three[2]));
+    hermite::wrapped(other - one)
+}
+
 fn turns(points: &[Local]) -> Result<(), CurveError> {
-    let kink = |three: &[Local]| {
-        let (one, other) = (three[0].bearing(three[1]), three[1].bearing(three[2]));
-        hermite::wrapped(other - one).abs()
-    };
-    match points.windows(3).position(|three| kink(three) > REVERSAL) {
+    match points
+        .windows(3)
+        .position(|three| kink(three).abs() > REVERSAL)
+    {
         Some(before) => Err(CurveError::Reversal {
             point: before + 1,
             place: points[before + 1],
@@ -279,17 +303,22 @@ fn turns(points: &[Local]) -> Result<(), CurveError> {
     }
 }
 
-/// The spline with as few knots as the tolerance needs, or pairs of arcs.
-fn spline_near(points: &[Local], options: &Options) -> Chain {
-    let last = points.len() - 1;
-    let closed = last >= 3 && points[0].distance(points[last]) < SAME;
-    let ends = match (closed, options.straight_ends) {
-        (true, _) => Ends::Closed,
-        (false, true) => Ends::Straight,
-        (false, false) => Ends::Arcs,
-    };
+/// Pieces, each with the number of the point at which its part of the curve begins.
+type Pieces = Vec<(usize, Segment)>;
+
+/// The spline with as few knots as the tolerance needs, or pairs of arcs. The points of `joints` are knots in any case.
+fn spline_near(
+    points: &[Local],
+    tolerance: f64,
+    ends: Ends,
+    joints: &[usize],
+) -> (Pieces, Continuity) {
+    let closed = ends == Ends::Closed;
     let mut knots = first_knots(points, closed);
+    knots.extend(joints);
     loop {
+        knots.sort_unstable();
+        knots.dedup();
         let places: Vec<Local> = knots.iter().map(|knot| points[*knot]).collect();
         let mut more = Vec::new();
         match spline::through(&places, ends) {
@@ -298,24 +327,23 @@ fn spline_near(points: &[Local], options: &Options) -> Chain {
                     let between = pair[0] + 1..pair[1];
                     let far = between.map(|index| (index, distance_to(segment, points[index])));
                     let worst = far.max_by(|one, other| one.1.total_cmp(&other.1));
-                    more.extend(
-                        worst
-                            .filter(|(_, far)| *far > options.tolerance)
-                            .map(|(index, _)| index),
-                    );
+                    let worst = worst.filter(|(_, far)| *far > tolerance);
+                    more.extend(worst.map(|(index, _)| index));
                 }
                 if more.is_empty() {
-                    return Chain::of(segments, Continuity::Curvature);
+                    let pieces = knots.iter().copied().zip(segments).collect();
+                    return (pieces, Continuity::Curvature);
                 }
             }
-            None if knots.len() == points.len() => return arcs(points, closed),
+            None if knots.len() == points.len() => {
+                return (arcs(points, closed), Continuity::Heading);
+            }
             None => {
                 let wide = knots.windows(2).filter(|pair| pair[1] - pair[0] > 1);
                 more.extend(wide.map(|pair| usize::midpoint(pair[0], pair[1])));
             }
         }
         knots.extend(more);
-        knots.sort_unstable();
     }
 }
 
@@ -325,7 +353,7 @@ fn first_knots(points: &[Local], closed: bool) -> Vec<usize> {
     let mut knots = vec![0];
     let mut turned = 0.0;
     for (before, three) in points.windows(3).enumerate() {
-        turned += hermite::wrapped(three[1].bearing(three[2]) - three[0].bearing(three[1])).abs();
+        turned += kink(three).abs();
         if turned > std::f64::consts::FRAC_PI_3 {
             knots.push(before + 1);
             turned = 0.0;
@@ -339,21 +367,19 @@ fn first_knots(points: &[Local], closed: bool) -> Vec<usize> {
 }
 
 /// Pairs of arcs through all points.
-fn arcs(points: &[Local], closed: bool) -> Chain {
+fn arcs(points: &[Local], closed: bool) -> Pieces {
     let directions = spline::directions(points, closed);
-    let pairs = points.windows(2).zip(directions.windows(2));
-    let arcs = pairs.flat_map(|(places, directions)| {
+    let pairs = points.windows(2).zip(directions.windows(2)).enumerate();
+    let arcs = pairs.flat_map(|(index, (places, directions))| {
         let from = Pose {
             place: places[0],
             heading: directions[0],
         };
-        biarc::between(from, places[1], directions[1])
+        let arcs = biarc::between(from, places[1], directions[1]);
+        arcs.into_iter().map(move |arc| (index, arc))
     });
     // An arc of no length is the joint of two that are one.
-    Chain::of(
-        arcs.filter(|arc| arc.length > 1e-9).collect(),
-        Continuity::Heading,
-    )
+    arcs.filter(|(_, arc)| arc.length > 1e-9).collect()
 }
 
 /// Distance of a point from a piece, m.

@@ -12,13 +12,20 @@ use crate::place::Local;
 /// Newton steps after which there is no solution.
 const STEPS: usize = 40;
 
-/// How the spline begins and ends.
+/// How a spline begins or ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// The piece there is an arc.
+    Arc,
+    /// The curvature there is zero.
+    Straight,
+}
+
+/// How a spline begins and ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ends {
-    /// The first and the last piece are arcs.
-    Arcs,
-    /// Their curvature is zero at the ends.
-    Straight,
+    /// Its beginning and its end.
+    Open(End, End),
     /// The last place is the first one, and the spline goes on there.
     Closed,
 }
@@ -95,13 +102,13 @@ fn equations(chords: &[(f64, f64)], directions: &[f64], ends: Ends) -> Option<Ve
     let (first, last) = (pieces.first()?, pieces.last()?);
     // At the ends: curvature does not change, or is zero.
     rows.push(match ends {
-        Ends::Arcs => Row {
+        Ends::Open(End::Arc, _) => Row {
             here: first.by_first.1 - first.by_first.0,
             after: first.by_second.1 - first.by_second.0,
             value: first.curvature.1 - first.curvature.0,
             ..Row::default()
         },
-        Ends::Straight => Row {
+        Ends::Open(End::Straight, _) => Row {
             here: first.by_first.0,
             after: first.by_second.0,
             value: first.curvature.0,
@@ -111,13 +118,13 @@ fn equations(chords: &[(f64, f64)], directions: &[f64], ends: Ends) -> Option<Ve
     });
     rows.extend((1..pieces.len()).map(|index| meet(index - 1, index)));
     match ends {
-        Ends::Arcs => rows.push(Row {
+        Ends::Open(_, End::Arc) => rows.push(Row {
             before: last.by_first.1 - last.by_first.0,
             here: last.by_second.1 - last.by_second.0,
             value: last.curvature.1 - last.curvature.0,
             ..Row::default()
         }),
-        Ends::Straight => rows.push(Row {
+        Ends::Open(_, End::Straight) => rows.push(Row {
             before: last.by_first.1,
             here: last.by_second.1,
             value: last.curvature.1,

@@ -4,6 +4,7 @@ use geo::buffer::{BufferStyle, LineJoin};
 use geo::{Buffer as _, Polygon};
 
 use super::{ARC, Area, Options};
+use crate::curve::straight_points;
 use crate::place::Local;
 
 /// Radius of corners, in turning radii: a curve of clothoids has more curvature in the middle of a corner than the corner.
@@ -59,9 +60,16 @@ pub(super) fn from_nearest(rounds: Vec<Vec<Local>>, from: Option<Local>) -> Vec<
     let mut turned = Vec::with_capacity(rounds.len());
     for mut round in rounds {
         round.pop();
-        let far = |point: &Local| here.map_or(0.0, |here| here.distance(*point));
-        let nearest =
-            (0..round.len()).min_by(|one, other| far(&round[*one]).total_cmp(&far(&round[*other])));
+        let far = |index: usize| here.map_or(0.0, |here: Local| here.distance(round[index]));
+        // A turn leads to a place without curvature, if there is one.
+        let straight: Vec<usize> = straight_points(&round).collect();
+        let places = match straight.is_empty() {
+            true => (0..round.len()).collect(),
+            false => straight,
+        };
+        let nearest = places
+            .into_iter()
+            .min_by(|one, other| far(*one).total_cmp(&far(*other)));
         round.rotate_left(nearest.unwrap_or(0));
         round.extend(round.first().copied());
         here = round.last().copied();

@@ -256,8 +256,9 @@ pub fn path(path: &Path, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
             let part = |name: &str| {
                 // A name of the file, not a way to another folder.
                 let plain = name.chars().all(|c| c.is_ascii_alphanumeric());
-                let bytes = std::fs::read(path.join(format!("{name}.XML")));
-                bytes.ok().filter(|_| plain).map(|bytes| text(&bytes))
+                let file = path.join(format!("{name}.XML"));
+                let bytes = plain.then(|| std::fs::read(file).ok()).flatten();
+                bytes.map(|bytes| text(&bytes))
             };
             return isoxml::read_parts(&read(&file)?, &part).map_err(|error| name(&error));
         }
