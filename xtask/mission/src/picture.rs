@@ -9,7 +9,7 @@ use crate::field::Field;
 use crate::place::Local;
 use crate::plan::{End, Join, Outputs, Plan};
 
-/// What is drawn beside the plan.
+/// Additions to the picture of a plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options<'a> {
     /// The drivable curve of each leg ([`crate::curve::legs`]); without one, a leg is drawn through its points and not coloured.
@@ -18,7 +18,7 @@ pub struct Options<'a> {
     pub limit: Option<f64>,
     /// Working width, m: the strips of legs with a section on.
     pub width: Option<f64>,
-    /// The field that the plan was made from: its obstacles and what the headland leaves of it.
+    /// The field of the plan: its obstacles and its inner area.
     pub field: Option<&'a Field>,
 }
 

@@ -3,15 +3,29 @@
 
 use mission::curve::{self, Chain, Resampling};
 use mission::field::{self, Area, Direction, Ends, Field, Order};
+use mission::picture;
 use mission::place::{Frame, Geodetic, Local, Origin};
 use mission::plan::Plan;
 use mission::read::{Drawing, ReadError, Shape, agopengps, csv, geojson, isoxml, text};
 
-/// A plan in a file's text. One that is accepted must be written and read without a change.
+/// A plan in a file's text. One that is accepted must be written and read without a change, and be drawn.
 pub fn plan(bytes: &[u8]) -> Option<Plan> {
     let plan = Plan::read(&text(bytes), "fuzz").map_err(|error| sentence(&error.to_string()));
     let plan = plan.ok()?;
     assert_eq!(Plan::read(&plan.write(), "again").as_ref(), Ok(&plan));
+    let chains = curve::legs(&plan, &curve::Options::default());
+    let chains = chains
+        .map_err(|(_, error)| sentence(&error.to_string()))
+        .unwrap_or_default();
+    let picture = picture::svg(
+        &plan,
+        &picture::Options {
+            chains: &chains,
+            limit: Some(0.3),
+            ..picture::Options::default()
+        },
+    );
+    assert!(picture.ends_with("</svg>\n") && !picture.contains("NaN"));
     Some(plan)
 }
 

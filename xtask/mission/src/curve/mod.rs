@@ -59,12 +59,12 @@ pub struct Resampling {
     pub noise: f64,
 }
 
-/// What is the same on both sides where pieces meet.
+/// How the pieces of a curve meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Continuity {
-    /// Place, heading and curvature.
+    /// In place, heading and curvature.
     Curvature,
-    /// Place and heading.
+    /// In place and heading; the curvature jumps.
     Heading,
 }
 

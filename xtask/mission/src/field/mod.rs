@@ -35,7 +35,7 @@ const LEAST_PART: f64 = 1.0;
 pub struct Area {
     /// Its edge.
     pub outer: Vec<Local>,
-    /// What is not part of it.
+    /// Rings that are cut out of it.
     pub holes: Vec<Vec<Local>>,
 }
 
@@ -186,7 +186,7 @@ impl Swath {
 pub struct Field {
     /// The field, without crossings of its edge.
     pub area: Area,
-    /// What the headland leaves of it.
+    /// The inner area: the field less its headland, in parts.
     pub inner: Vec<Area>,
     /// Direction of the swaths, rad clockwise from north in [0, pi).
     pub bearing: f64,
@@ -209,13 +209,13 @@ pub struct Coverage {
     pub field: f64,
     /// The inner area.
     pub inner: f64,
-    /// What the swaths cover of the inner area.
+    /// The part of the inner area that swaths cover.
     pub covered: f64,
-    /// What the swaths cover outside it.
+    /// Swath area outside the inner area.
     pub outside: f64,
-    /// What they cover more than once, counted once for each time more.
+    /// Overlap of swaths: the sum of their areas less the area of their union.
     pub twice: f64,
-    /// What was lost where the edge of the field crosses itself.
+    /// Area cut off because the edge of the field crosses itself.
     pub lost: f64,
 }
 
@@ -236,7 +236,7 @@ pub enum FieldError {
         name: &'static str,
         /// Its value, with a unit.
         value: String,
-        /// What it takes.
+        /// The range that is accepted.
         takes: &'static str,
     },
     /// A coordinate is no number or too far away.
@@ -408,7 +408,7 @@ fn repaired(area: &Area) -> Result<(Area, f64), FieldError> {
     Ok((Area::from_polygon(&largest), lost))
 }
 
-/// What is farther than a distance from the edge, m.
+/// The area less a margin along its edges, m.
 fn inset(area: &Polygon, distance: f64) -> MultiPolygon {
     let style = BufferStyle::new(-distance).line_join(LineJoin::Round(ARC));
     area.buffer_with_style(style)
@@ -432,7 +432,7 @@ fn coverage(field: &Polygon, inner: MultiPolygon, swaths: &[Swath], width: f64) 
     }
 }
 
-/// What is driven on every swath of a field.
+/// Speed, sections and headland of a field's plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
     /// Speed, m/s.
@@ -441,7 +441,7 @@ pub struct Work {
     pub outputs: Outputs,
     /// When the headland is driven.
     pub headland: Headland,
-    /// What follows the last leg.
+    /// Stop or repeat after the last leg.
     pub end: End,
 }
 

@@ -10,7 +10,7 @@ use vehicle_model::units::{Length, Speed};
 use super::{End, Join, Leg, Outputs, Plan, PlanError, Problem, Shape};
 use crate::place::{Frame, Geodetic, Local, Origin};
 
-/// What a file has at its top.
+/// The fields and tables of a file.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {

@@ -13,10 +13,10 @@ use crate::place::{Frame, Local, Origin};
 
 pub use check::{FASTEST, GAP, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST};
 
-/// What a robot is to drive.
+/// A mission: legs in driving order, inside a fence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// What people call it, 1 to [`LONGEST_NAME`] characters.
+    /// Name for people, 1 to [`LONGEST_NAME`] characters.
     pub name: String,
     /// Where the local frame is: the base station.
     pub origin: Origin,
@@ -25,7 +25,7 @@ pub struct Plan {
     pub fence: Vec<Local>,
     /// The legs in driving order, at least one.
     pub legs: Vec<Leg>,
-    /// What follows the last leg.
+    /// Stop or repeat after the last leg.
     pub end: End,
 }
 
@@ -103,7 +103,7 @@ pub enum Join {
     Turn,
 }
 
-/// What follows the last leg.
+/// What the vehicle does after the last leg.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum End {
     /// The vehicle stops.
@@ -203,7 +203,7 @@ impl Plan {
     }
 }
 
-/// What is wrong with the values of a plan.
+/// A value of a plan that is not accepted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
     /// The leg, counted from zero, if it is one.

@@ -218,7 +218,7 @@ struct Field {
     drawing: Drawing,
 }
 
-/// What a file ends with when it is cut or damaged.
+/// The file is cut or damaged here.
 struct Cut;
 
 impl Field {

@@ -26,7 +26,7 @@ pub const DIRECTED: f64 = 100.0;
 /// Most characters of an error before it is cut.
 const LONGEST_SENTENCE: usize = 600;
 
-/// What a file has.
+/// The shapes of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drawing {
     /// The format, for people.
@@ -35,7 +35,7 @@ pub struct Drawing {
     pub origin: Option<Geodetic>,
     /// Its shapes, in their order.
     pub shapes: Vec<Named>,
-    /// What was left out.
+    /// Parts of the file that were left out.
     pub skipped: Vec<Skipped>,
 }
 
@@ -44,13 +44,13 @@ pub struct Drawing {
 pub struct Named {
     /// The name in the file, or one made of its kind and number.
     pub name: String,
-    /// What the file says that it is.
+    /// Its purpose according to the file.
     pub role: Role,
     /// The shape.
     pub shape: Shape,
 }
 
-/// What a shape is for.
+/// Purpose of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// The edge of a field.
@@ -79,7 +79,7 @@ pub enum Shape {
     Polygon {
         /// Its edge, three corners or more.
         outer: Vec<Geodetic>,
-        /// What is cut out of it.
+        /// Rings that are cut out of it.
         holes: Vec<Vec<Geodetic>>,
     },
 }
@@ -87,7 +87,7 @@ pub enum Shape {
 /// Parts of a file that were left out for the same reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skipped {
-    /// What it was, and why it was left out.
+    /// The kind of part, with the reason.
     pub why: String,
     /// How often.
     pub count: usize,
