@@ -86,7 +86,7 @@ pub(super) fn unit(first: f64, second: f64) -> Option<Hermite> {
 }
 
 /// An angle as -pi to pi.
-pub(super) fn wrapped(angle: f64) -> f64 {
+pub(crate) fn wrapped(angle: f64) -> f64 {
     angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
 }
 

@@ -21,6 +21,7 @@ use crate::place::Local;
 use crate::plan::{Leg, Plan, Shape};
 use crate::polygon::distance_to_piece;
 
+pub(crate) use hermite::wrapped;
 pub(crate) use joint::straight_points;
 pub use segment::{Pose, Segment};
 use spline::{End, Ends};
