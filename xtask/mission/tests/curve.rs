@@ -267,6 +267,23 @@ fn what_has_no_curve_is_refused_in_a_sentence() {
         "points[1]: the curve doubles back there (10.00 m north, 0.00 m east); split it in two legs, or resample it if its \
          points are noisy"
     );
+    let resampling = Some(Resampling {
+        spacing: 1e-6,
+        noise: 0.0,
+    });
+    let many = fit(
+        &wave(5),
+        &Options {
+            resampling,
+            ..Options::default()
+        },
+    )
+    .unwrap_err()
+    .to_string();
+    assert!(
+        many.ends_with("m long; resampled, a curve has up to 100000 points"),
+        "{many}"
+    );
     let options = Options {
         tolerance: 0.0,
         ..Options::default()

@@ -10,6 +10,8 @@ use crate::plan::{End, Join, Leg, Plan, Shape};
 
 /// Distance between the points that keep a line straight beside a curve, m.
 const STEP: f64 = 2.0;
+/// Distance from its ends from which on a line has such points only every so many metres: a spline is straight there by itself.
+const NEAR: f64 = 50.0;
 /// Kink up to which two lines are one, rad.
 const STRAIGHT: f64 = 1e-6;
 
@@ -43,14 +45,29 @@ fn groups(plan: &Plan) -> Vec<Group> {
     groups
 }
 
+/// Points on a line that keep a spline straight: close ones near its ends.
+fn along(from: Local, to: Local) -> Vec<Local> {
+    let length = from.distance(to);
+    let near = NEAR.min(0.5 * length);
+    let close = (near / STEP).ceil().max(1.0);
+    let beginning = (0..=close as usize).map(|index| index as f64 / close * near);
+    let rest = length - 2.0 * near;
+    let wide = (rest / NEAR).ceil();
+    let middle = (1..wide as usize).map(|index| near + index as f64 / wide * rest);
+    let end = (0..close as usize)
+        .rev()
+        .map(|index| length - index as f64 / close * near);
+    // The two halves of a short line meet in a point.
+    let meeting = (rest > 1e-6).then_some(length - near);
+    let all = beginning.chain(middle).chain(meeting).chain(end);
+    all.map(|distance| from.between(to, distance / length))
+        .collect()
+}
+
 /// Points of a leg for the curve; a line among others has some between its ends.
 fn points(leg: &Leg, options: &Options, alone: bool) -> Vec<Local> {
     match &leg.shape {
-        Shape::Line { from, to } if !alone => {
-            let count = (from.distance(*to) / STEP).ceil().max(2.0);
-            let shares = (0..=count as usize).map(|index| index as f64 / count);
-            shares.map(|share| from.between(*to, share)).collect()
-        }
+        Shape::Line { from, to } if !alone => along(*from, *to),
         shape => match options.resampling {
             Some(resampling) if matches!(shape, Shape::Curve { .. }) => {
                 smooth::resampled(&shape.points(), resampling.spacing, resampling.noise)
@@ -171,4 +188,30 @@ pub(crate) fn straight_points(points: &[Local]) -> impl Iterator<Item = usize> {
         .enumerate()
         .filter(move |(_, three)| straight(three))
         .map(|(before, _)| before + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_keep_a_line_straight_at_its_ends() {
+        for length in [0.1, 1.0, 3.0, 99.0, 100.0, 100.5, 151.0, 5000.0] {
+            let points = along(Local::new(1.0, 1.0), Local::new(1.0, 1.0 + length));
+            assert!(points[0].distance(Local::new(1.0, 1.0)) < 1e-9);
+            assert!(points[points.len() - 1].distance(Local::new(1.0, 1.0 + length)) < 1e-9);
+            for (index, pair) in points.windows(2).enumerate() {
+                let step = pair[1].east - pair[0].east;
+                assert!(
+                    step > 1e-3 * length.min(1.0) && step < NEAR + 1e-9,
+                    "{length} {index} {step}"
+                );
+                let from_end = (pair[0].east - 1.0).min(1.0 + length - pair[1].east);
+                assert!(
+                    step <= STEP + 1e-9 || from_end >= NEAR - 1e-9,
+                    "{length} {index} {step}"
+                );
+            }
+        }
+    }
 }

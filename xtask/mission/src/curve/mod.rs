@@ -106,12 +106,12 @@ impl Chain {
         self.segments.iter().map(|segment| segment.length).sum()
     }
 
-    /// Poses along it, each at most `step` metres from the next one, with both ends.
+    /// Poses along it, each at most `step` metres (0.1 mm or more) from the next one, with both ends.
     #[must_use]
     pub fn poses(&self, step: f64) -> Vec<Pose> {
         let mut poses = Vec::new();
         for segment in &self.segments {
-            let count = (segment.length / step).ceil().max(1.0);
+            let count = (segment.length / step.max(1e-4)).ceil().max(1.0);
             let shares = (0..count as usize).map(|index| index as f64 / count);
             poses.extend(shares.map(|share| segment.at(share * segment.length)));
         }
@@ -153,6 +153,11 @@ pub enum CurveError {
     Few,
     /// A coordinate or an option is no finite number, or an option is not positive.
     Number,
+    /// Resampling would make more than [`MOST_SAMPLES`] points.
+    Many {
+        /// Length along the points, m.
+        length: f64,
+    },
     /// A point is the one before again.
     Repeated {
         /// The point, counted from zero.
@@ -174,6 +179,10 @@ impl fmt::Display for CurveError {
             Self::Number => {
                 f.write_str("a coordinate, a tolerance or a spacing is no number above zero")
             }
+            Self::Many { length } => write!(
+                f,
+                "the curve is {length:.0} m long; resampled, a curve has up to {MOST_SAMPLES} points"
+            ),
             Self::Repeated { point } => write!(f, "points[{point}]: it is the point before again"),
             Self::Reversal { point, place } => write!(
                 f,
@@ -185,6 +194,9 @@ impl fmt::Display for CurveError {
 }
 
 impl std::error::Error for CurveError {}
+
+/// Most points of a resampled curve.
+pub const MOST_SAMPLES: usize = 100_000;
 
 /// A kink at which points double back, rad.
 const REVERSAL: f64 = 150.0 * std::f64::consts::PI / 180.0;
@@ -275,6 +287,15 @@ fn check(points: &[Local], options: &Options) -> Result<(), CurveError> {
         });
     if !sound {
         return Err(CurveError::Number);
+    }
+    let length = points
+        .windows(2)
+        .map(|pair| pair[0].distance(pair[1]))
+        .sum::<f64>();
+    if let Some(resampling) = options.resampling
+        && length / resampling.spacing > MOST_SAMPLES as f64
+    {
+        return Err(CurveError::Many { length });
     }
     match points
         .windows(2)
