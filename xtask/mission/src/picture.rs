@@ -4,7 +4,7 @@
 
 use std::fmt::Write as _;
 
-use crate::curve::Chain;
+use crate::curve::{Chain, Segment};
 use crate::field::Field;
 use crate::place::Local;
 use crate::plan::{End, Join, Outputs, Plan};
@@ -161,10 +161,7 @@ pub fn svg(plan: &Plan, options: &Options) -> String {
         .iter()
         .enumerate()
         .map(|(index, leg)| match options.chains.get(index) {
-            Some(chain) => {
-                let step = (chain.length() / 400.0).max(0.25);
-                chain.poses(step).iter().map(|pose| pose.place).collect()
-            }
+            Some(chain) => places(chain),
             None => leg.shape.points(),
         })
         .collect();
@@ -236,6 +233,30 @@ fn turns(canvas: &mut Canvas, map: &Map, plan: &Plan, curves: &[Vec<Local>]) {
     }
 }
 
+/// Distances along a piece of a curve between which it is drawn straight, m: its ends are enough for a line.
+fn samples(chain: &Chain, segment: &Segment) -> Vec<f64> {
+    let step = (chain.length() / 400.0).max(0.25);
+    let count = match segment.curvature == 0.0 && segment.sharpness == 0.0 {
+        true => 1,
+        false => (segment.length / step).ceil().max(1.0) as usize,
+    };
+    (0..=count)
+        .map(|index| index as f64 / count as f64 * segment.length)
+        .collect()
+}
+
+/// Places along a curve.
+fn places(chain: &Chain) -> Vec<Local> {
+    let mut places: Vec<Local> = Vec::new();
+    for segment in &chain.segments {
+        let samples = samples(chain, segment);
+        // The end of a piece is the beginning of the next one.
+        places.pop();
+        places.extend(samples.into_iter().map(|along| segment.at(along).place));
+    }
+    places
+}
+
 /// A leg in pieces of one colour.
 fn coloured(
     chain: Option<&Chain>,
@@ -245,17 +266,14 @@ fn coloured(
     let (Some(chain), Some(limit)) = (chain, limit) else {
         return vec![("plain", curve.to_vec())];
     };
-    let step = (chain.length() / 400.0).max(0.25);
     let mut pieces: Vec<(&'static str, Vec<Local>)> = Vec::new();
     for segment in &chain.segments {
-        let count = (segment.length / step).ceil().max(1.0) as usize;
-        let at = |index: usize| index as f64 / count as f64 * segment.length;
-        for index in 0..count {
-            let curvature = segment.curvature_at(0.5 * (at(index) + at(index + 1)));
+        for pair in samples(chain, segment).windows(2) {
+            let curvature = segment.curvature_at(0.5 * (pair[0] + pair[1]));
             let share = curvature.abs() / limit;
             let class = CLASSES.iter().find(|(most, ..)| share <= *most);
             let class = class.map_or("over", |(_, class, _)| class);
-            let (from, to) = (segment.at(at(index)).place, segment.at(at(index + 1)).place);
+            let (from, to) = (segment.at(pair[0]).place, segment.at(pair[1]).place);
             match pieces.last_mut() {
                 Some((last, places)) if *last == class => places.push(to),
                 _ => pieces.push((class, vec![from, to])),
