@@ -78,6 +78,32 @@ impl Area {
     }
 }
 
+/// The fields of a drawing with their names: its boundaries, with the obstacles that lie in each as holes.
+#[must_use]
+pub fn areas(drawing: &read::Drawing, frame: &Frame) -> Vec<(String, Area)> {
+    let of = |role| {
+        let shapes = drawing.shapes.iter();
+        shapes.filter(move |named| named.role == role)
+    };
+    let obstacles: Vec<Area> = of(read::Role::Obstacle)
+        .filter_map(|named| Area::of(&named.shape, frame))
+        .collect();
+    let mut areas = Vec::new();
+    for named in of(read::Role::Boundary) {
+        let Some(mut area) = Area::of(&named.shape, frame) else {
+            continue;
+        };
+        let inside = |corner: &Local| polygon::holds(&area.outer, *corner, 0.0);
+        let found = obstacles
+            .iter()
+            .filter(|obstacle| obstacle.outer.iter().any(inside));
+        let holes: Vec<Vec<Local>> = found.map(|obstacle| obstacle.outer.clone()).collect();
+        area.holes.extend(holes);
+        areas.push((named.name.clone(), area));
+    }
+    areas
+}
+
 /// How a field is divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {

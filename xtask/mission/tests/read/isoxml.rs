@@ -82,6 +82,34 @@ fn a_partfield() {
 }
 
 #[test]
+fn obstacles_are_holes_of_the_field_that_has_them() {
+    let place = at(51.0, 7.0);
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    let areas = mission::field::areas(&read(FIELD).unwrap(), &frame);
+    assert_eq!(areas.len(), 1);
+    let (name, area) = &areas[0];
+    assert_eq!((name.as_str(), area.outer.len()), ("Home", 4));
+    // The hole of its polygon and the pond.
+    assert_eq!(area.holes.len(), 2);
+    // 0.002 degrees of longitude by 0.001 of latitude: 140.4 m by 111.3 m, less the holes.
+    assert!(
+        (area.size() - 140.4 * 111.3).abs() < 100.0,
+        "{}",
+        area.size()
+    );
+    let far = FIELD.replace(
+        "B=\"pond\">\n      <LSG A=\"1\"><PNT A=\"2\" C=\"51.0\" D=\"7.0\"/>",
+        "B=\"pond\">\n      <LSG A=\"1\"><PNT A=\"2\" C=\"52.0\" D=\"7.0\"/>",
+    );
+    let far = far.replace(
+        "<PNT A=\"2\" C=\"51.0\" D=\"7.0001\"/><PNT A=\"2\" C=\"51.0001\" D=\"7.0\"/>",
+        "<PNT A=\"2\" C=\"52.0\" D=\"7.0001\"/><PNT A=\"2\" C=\"52.0001\" D=\"7.0\"/>",
+    );
+    let areas = mission::field::areas(&read(&far).unwrap(), &frame);
+    assert_eq!(areas[0].1.holes.len(), 1);
+}
+
+#[test]
 fn version_3_has_several_outer_rings_in_a_polygon() {
     let ring = |kind: u8, south: f64, size: f64| {
         format!(
