@@ -1,0 +1,216 @@
+//! Tables of points: CSV and its relatives.
+//!
+//! The first line with text has the headings. Columns are found by them, in any order and case, with or without a unit in brackets:
+//! latitude (`latitude`, `lat`) and longitude (`longitude`, `lon`, `lng`, `long`) in degrees, or north (`north`, `northing`) and east (`east`,
+//! `easting`) in metres; a column `name`, `line`, `track` or `id` tells shapes apart, and so does an empty line. Fields are separated by comma,
+//! semicolon or tab, whichever the headings have most of; unless that is the comma, numbers may have a decimal comma, and with
+//! quotes always. A shape whose last point is its first one is a boundary, any other one a line. Other columns are not looked at.
+
+use super::{Drawing, ReadError, Role};
+use crate::place::{FARTHEST, Frame, Geodetic, Local};
+
+/// Columns of a table.
+struct Columns {
+    /// Latitude and longitude, or north and east.
+    coordinates: (usize, usize),
+    metres: bool,
+    group: Option<usize>,
+}
+
+/// Reads the text of a table. `frame` says where metres are measured from; without one, a table in metres is refused.
+///
+/// # Errors
+/// [`ReadError`] if columns or frame are missing, or no row can be used.
+pub fn read(text: &str, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
+    let before = text
+        .lines()
+        .take_while(|line| line.trim().is_empty())
+        .count();
+    let head = text.lines().nth(before).unwrap_or_default();
+    let separator = separator(head);
+    let mut reader = ::csv::ReaderBuilder::new()
+        .delimiter(separator)
+        .has_headers(false)
+        .flexible(true)
+        .trim(::csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let mut records = reader.records();
+    let Some(Ok(headings)) = records.next() else {
+        return Err(ReadError::new("it has no headings"));
+    };
+    let columns = columns(&headings)?;
+    let Some(frame) = frame.or(if columns.metres { None } else { Some(&EARTH) }) else {
+        return Err(ReadError::new(
+            "its columns are metres north and east, so the latitude and longitude of their origin are needed",
+        ));
+    };
+    let mut table = Table {
+        drawing: Drawing::new("CSV"),
+        group: None,
+        points: Vec::new(),
+        last: before + 1,
+    };
+    for record in records {
+        // Text is UTF-8 and rows may have any length, so no row is an error.
+        let Ok(record) = record else { continue };
+        let line = line(&record, text);
+        table.row(&record, line, &columns, separator, frame);
+    }
+    table.end();
+    table.drawing.finish()
+}
+
+/// The line of a row, counted from 1. The reader's own position is before the empty lines that it passes over.
+fn line(row: &::csv::StringRecord, text: &str) -> usize {
+    let Some(position) = row.position() else {
+        return 0;
+    };
+    let before = text.bytes().skip(position.byte() as usize);
+    let breaks = before.take_while(|byte| matches!(byte, b'\n' | b'\r'));
+    position.line() as usize + breaks.filter(|byte| *byte == b'\n').count()
+}
+
+/// For tables in degrees, which need no frame.
+static EARTH: std::sync::LazyLock<Frame> =
+    std::sync::LazyLock::new(|| Frame::new(crate::place::Origin::default()));
+
+/// The separator of which the headings have most.
+fn separator(head: &str) -> u8 {
+    let count = |byte: u8| head.bytes().filter(|other| *other == byte).count();
+    let mut separators = [b',', b';', b'\t'];
+    separators.sort_by_key(|byte| std::cmp::Reverse(count(*byte)));
+    separators[0]
+}
+
+/// A heading without its unit, in lower case.
+fn heading(text: &str) -> String {
+    let text = text.split(['(', '[']).next().unwrap_or_default();
+    let text = text.trim().trim_matches('"').trim().to_lowercase();
+    for unit in ["_m", "_deg", " m", " deg"] {
+        if let Some(text) = text.strip_suffix(unit) {
+            return text.trim().to_owned();
+        }
+    }
+    text
+}
+
+fn columns(headings: &::csv::StringRecord) -> Result<Columns, ReadError> {
+    let headings: Vec<String> = headings.iter().map(heading).collect();
+    let find = |names: &[&str]| {
+        let mut names = names.iter();
+        names.find_map(|name| headings.iter().position(|heading| heading == name))
+    };
+    let degrees = (
+        find(&["latitude", "lat"]),
+        find(&["longitude", "lon", "lng", "long"]),
+    );
+    let metres = (find(&["north", "northing"]), find(&["east", "easting"]));
+    let (coordinates, metres) = match (degrees, metres) {
+        ((Some(latitude), Some(longitude)), _) => ((latitude, longitude), false),
+        (_, (Some(north), Some(east))) => ((north, east), true),
+        _ => {
+            return Err(ReadError::new(format!(
+                "its headings are {}: columns latitude and longitude, or north and east, are needed",
+                headings.join(", ")
+            )));
+        }
+    };
+    Ok(Columns {
+        coordinates,
+        metres,
+        group: find(&["name", "line", "track", "id"]),
+    })
+}
+
+/// A table while it is read.
+struct Table {
+    drawing: Drawing,
+    /// Name of the current shape.
+    group: Option<String>,
+    points: Vec<Geodetic>,
+    /// Line of the last row.
+    last: usize,
+}
+
+/// A number with a decimal point, or with a decimal comma.
+fn number(field: &str) -> Option<f64> {
+    let field = field.trim().trim_end_matches('°').trim();
+    let value = match field.split_once(',') {
+        Some((whole, rest)) if !rest.contains([',', '.']) && !whole.contains('.') => {
+            format!("{whole}.{rest}").parse().ok()
+        }
+        _ => field.parse().ok(),
+    };
+    value.filter(|value: &f64| value.is_finite())
+}
+
+impl Table {
+    fn row(
+        &mut self,
+        row: &::csv::StringRecord,
+        line: usize,
+        columns: &Columns,
+        separator: u8,
+        frame: &Frame,
+    ) {
+        let empty = row.iter().all(str::is_empty);
+        // The reader passes over lines without a character.
+        if line > self.last + 1 || empty {
+            self.end();
+        }
+        self.last = line;
+        if empty {
+            return;
+        }
+        let name = columns.group.and_then(|group| row.get(group));
+        if name.map(str::to_owned) != self.group && columns.group.is_some() {
+            self.end();
+            self.group = name.map(str::to_owned);
+        }
+        let field = |index| row.get(index).and_then(number);
+        let (first, second) = columns.coordinates;
+        let (Some(first), Some(second)) = (field(first), field(second)) else {
+            let comma = separator == b',' && row.len() > 2 && columns.group.is_none();
+            self.drawing.skip(
+                match comma {
+                    true => "a row without two numbers (decimal commas need another separator or quotes)",
+                    false => "a row without two numbers",
+                },
+                Some(line),
+            );
+            return;
+        };
+        let place = match columns.metres {
+            false => Geodetic::checked(first, second),
+            true if first.abs() <= FARTHEST && second.abs() <= FARTHEST => {
+                Some(frame.geodetic(Local::new(first, second)))
+            }
+            true => None,
+        };
+        match place {
+            Some(place) => self.points.push(place),
+            None if columns.metres => {
+                let why = format!("a row more than {FARTHEST} m from the origin");
+                self.drawing.skip(why, Some(line));
+            }
+            None => self
+                .drawing
+                .skip("a row that is no place of the earth", Some(line)),
+        }
+    }
+
+    /// The current shape is complete.
+    fn end(&mut self) {
+        let points = std::mem::take(&mut self.points);
+        let name = self.group.clone();
+        let name = name.as_deref();
+        match points[..] {
+            [] => {}
+            [first, .., last] if first == last && points.len() > 3 => {
+                self.drawing
+                    .add_polygon(name, Role::Boundary, points, Vec::new());
+            }
+            _ => self.drawing.add_line(name, Role::Guidance, points),
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Readers of other tools' files: lines, curves and boundaries, in latitude and longitude.
+//!
+//! Real files are messy. What a reader cannot use it leaves out and counts ([`Skipped`]); it refuses a file only if
+//! nothing in it can be used, with one sentence ([`ReadError`]).
+//!
+//! | format | reader | source of the format |
+//! | --- | --- | --- |
+//! | GeoJSON | [`geojson`] | RFC 7946 |
+//! | CSV | [`csv`] | none; columns are found by their headings |
+//! | AgOpenGPS | [`agopengps`] | its sources, see there |
+//! | ISOXML | [`isoxml`] | ISO 11783-10, see there |
+
+pub mod agopengps;
+pub mod csv;
+pub mod geojson;
+pub mod isoxml;
+
+use std::fmt;
+use std::path::Path;
+
+use crate::place::{Frame, Geodetic};
+
+/// Length of a line of which a file has the beginning and the direction only, m.
+pub const DIRECTED: f64 = 100.0;
+
+/// Most characters of an error before it is cut.
+const LONGEST_SENTENCE: usize = 600;
+
+/// The shapes of a file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Drawing {
+    /// The format, for people.
+    pub format: &'static str,
+    /// The place that the file measures from, if it has one.
+    pub origin: Option<Geodetic>,
+    /// Its shapes, in their order.
+    pub shapes: Vec<Named>,
+    /// Parts of the file that were left out.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A shape and its name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Named {
+    /// The name in the file, or one made of its kind and number.
+    pub name: String,
+    /// Its purpose according to the file.
+    pub role: Role,
+    /// The shape.
+    pub shape: Shape,
+}
+
+/// Purpose of a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// The edge of a field.
+    Boundary,
+    /// Something inside a field that is not driven through.
+    Obstacle,
+    /// A line to drive along, or to lay others beside.
+    Guidance,
+    /// Anything else.
+    Other,
+}
+
+/// A shape on the earth.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A straight line through two places, in driving direction.
+    Line {
+        /// Where it begins.
+        from: Geodetic,
+        /// Where it ends.
+        to: Geodetic,
+    },
+    /// A line through three places or more.
+    Curve(Vec<Geodetic>),
+    /// An area. No ring has its first corner again at the end.
+    Polygon {
+        /// Its edge, three corners or more.
+        outer: Vec<Geodetic>,
+        /// Rings that are cut out of it.
+        holes: Vec<Vec<Geodetic>>,
+    },
+}
+
+/// Parts of a file that were left out for the same reason.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Skipped {
+    /// The kind of part, with the reason.
+    pub why: String,
+    /// How often.
+    pub count: usize,
+    /// The line of the first one in the text, counted from 1, if known.
+    pub line: Option<usize>,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.why)?;
+        match (self.count, self.line) {
+            (1, None) => Ok(()),
+            (1, Some(line)) => write!(f, " (line {line})"),
+            (count, None) => write!(f, " ({count} times)"),
+            (count, Some(line)) => write!(f, " ({count} times, first in line {line})"),
+        }
+    }
+}
+
+/// Why nothing of a file can be used. Displays as one sentence.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct ReadError(String);
+
+impl ReadError {
+    /// One sentence in one line: files can have line breaks in what it quotes.
+    fn new(text: impl AsRef<str>) -> Self {
+        let words = text
+            .as_ref()
+            .split(|c: char| c.is_control() || c.is_whitespace());
+        let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
+        let mut text = words.join(" ");
+        if text.chars().count() > LONGEST_SENTENCE {
+            text = text.chars().take(LONGEST_SENTENCE).collect::<String>() + " ...";
+        }
+        Self(text)
+    }
+}
+
+impl Drawing {
+    fn new(format: &'static str) -> Self {
+        Self {
+            format,
+            ..Self::default()
+        }
+    }
+
+    /// Counts something that is left out.
+    fn skip(&mut self, why: impl Into<String>, line: Option<usize>) {
+        let why = why.into();
+        match self.skipped.iter_mut().find(|skipped| skipped.why == why) {
+            Some(skipped) => skipped.count += 1,
+            None => self.skipped.push(Skipped {
+                why,
+                count: 1,
+                line,
+            }),
+        }
+    }
+
+    /// A shape of this role with its name, or with one that is made up.
+    fn add(&mut self, name: Option<&str>, role: Role, shape: Shape) {
+        let name = name.map(str::trim).filter(|name| !name.is_empty());
+        let name = name.map_or_else(
+            || {
+                let word = match (role, &shape) {
+                    (Role::Boundary, _) => "boundary",
+                    (Role::Obstacle, _) => "obstacle",
+                    (_, Shape::Line { .. }) => "line",
+                    (_, Shape::Curve(_)) => "curve",
+                    (_, Shape::Polygon { .. }) => "area",
+                };
+                format!("{word} {}", self.shapes.len() + 1)
+            },
+            str::to_owned,
+        );
+        self.shapes.push(Named { name, role, shape });
+    }
+
+    /// A line or a curve through places; with fewer than two different ones it is skipped.
+    fn add_line(&mut self, name: Option<&str>, role: Role, mut places: Vec<Geodetic>) {
+        places.dedup();
+        match places[..] {
+            [] | [_] => self.skip("a line of fewer than two places", None),
+            [from, to] => self.add(name, role, Shape::Line { from, to }),
+            _ => self.add(name, role, Shape::Curve(places)),
+        }
+    }
+
+    /// An area; without three different corners it is skipped, and so are its holes.
+    fn add_polygon(
+        &mut self,
+        name: Option<&str>,
+        role: Role,
+        outer: Vec<Geodetic>,
+        holes: Vec<Vec<Geodetic>>,
+    ) {
+        let Some(outer) = ring(outer) else {
+            self.skip("an area of fewer than three corners", None);
+            return;
+        };
+        let all = holes.len();
+        let holes: Vec<_> = holes.into_iter().filter_map(ring).collect();
+        for _ in holes.len()..all {
+            self.skip("a hole of fewer than three corners", None);
+        }
+        self.add(name, role, Shape::Polygon { outer, holes });
+    }
+
+    /// The drawing, if there is something in it.
+    fn finish(self) -> Result<Self, ReadError> {
+        if !self.shapes.is_empty() {
+            return Ok(self);
+        }
+        let why: Vec<String> = self.skipped.iter().map(ToString::to_string).collect();
+        let skipped = match why.is_empty() {
+            true => String::new(),
+            false => format!("; left out: {}", why.join("; ")),
+        };
+        Err(ReadError::new(format!(
+            "there is no line, curve or boundary in this {} file{skipped}",
+            self.format
+        )))
+    }
+}
+
+/// Corners of a ring without repetitions and without the first one at the end; `None` for fewer than three.
+fn ring(mut places: Vec<Geodetic>) -> Option<Vec<Geodetic>> {
+    places.dedup();
+    while places.len() > 1 && places.first() == places.last() {
+        places.pop();
+    }
+    (places.len() >= 3).then_some(places)
+}
+
+/// The text of a file: without a byte-order mark, and with replacement characters where it is no UTF-8 (names in old
+/// files).
+#[must_use]
+pub fn text(bytes: &[u8]) -> String {
+    let text = String::from_utf8_lossy(bytes);
+    text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned()
+}
+
+/// Reads a file by its name's ending (`.geojson`, `.json`, `.csv`, `.tsv`, `.xml`), or the folder of an AgOpenGPS field or of an ISOXML
+/// data set. `frame` says where coordinates in metres are; only CSV files need it.
+///
+/// # Errors
+/// [`ReadError`] names the file.
+pub fn path(path: &Path, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
+    let name = |error: &dyn fmt::Display| ReadError::new(format!("{}: {error}", path.display()));
+    let read = |path: &Path| match std::fs::read(path) {
+        Ok(bytes) => Ok(text(&bytes)),
+        Err(error) => Err(ReadError::new(format!(
+            "{} cannot be read: {error}",
+            path.display()
+        ))),
+    };
+    if path.is_dir() {
+        let entries = std::fs::read_dir(path).map_err(|error| name(&error))?;
+        let mut task_data = entries.flatten().map(|entry| entry.path());
+        let is_task_data = |path: &Path| {
+            path.file_name()
+                .is_some_and(|name| name.eq_ignore_ascii_case("TASKDATA.XML"))
+        };
+        if let Some(file) = task_data.find(|path| is_task_data(path)) {
+            let part = |name: &str| {
+                // A name of the file, not a way to another folder.
+                let plain = name.chars().all(|c| c.is_ascii_alphanumeric());
+                let file = path.join(format!("{name}.XML"));
+                let bytes = plain.then(|| std::fs::read(file).ok()).flatten();
+                bytes.map(|bytes| text(&bytes))
+            };
+            return isoxml::read_parts(&read(&file)?, &part).map_err(|error| name(&error));
+        }
+        return agopengps::folder(path).map_err(|error| name(&error));
+    }
+    let ending = path
+        .extension()
+        .and_then(|ending| ending.to_str())
+        .unwrap_or_default();
+    match ending.to_ascii_lowercase().as_str() {
+        "geojson" | "json" => geojson::read(&read(path)?),
+        "csv" | "tsv" => csv::read(&read(path)?, frame),
+        "xml" => isoxml::read(&read(path)?),
+        _ => Err(ReadError::new(
+            "the ending of its name tells no format: .geojson, .json, .csv, .tsv, .xml, the folder of an AgOpenGPS field and \
+             that of a TASKDATA.XML are accepted",
+        )),
+    }
+    .map_err(|error| name(&error))
+}

@@ -1,0 +1,100 @@
+use mission::read::geojson::read;
+use mission::read::{Role, Shape};
+
+use super::{at, outline, skipped};
+
+/// A field as QGIS writes it, with what else is in such files.
+pub(super) const FIELD: &str = r#"{
+  "type": "FeatureCollection",
+  "name": "export",
+  "crs": { "type": "name", "properties": { "name": "urn:ogc:def:crs:OGC:1.3:CRS84" } },
+  "features": [
+    { "type": "Feature", "properties": { "fid": 1, "Name": "Home field" }, "geometry": { "type": "Polygon", "coordinates": [
+      [[7.0, 51.0], [7.002, 51.0], [7.002, 51.001], [7.0, 51.001], [7.0, 51.0]],
+      [[7.001, 51.0003], [7.0011, 51.0003], [7.0011, 51.0004], [7.001, 51.0003]]
+    ] } },
+    { "type": "Feature", "properties": { "name": "A-B" }, "geometry": { "type": "LineString", "coordinates": [[7.0, 51.0, 88.5], [7.0, 51.001, 88.0]] } },
+    { "type": "Feature", "id": 7, "properties": null, "geometry": { "type": "MultiLineString", "coordinates": [
+      [[7.0, 51.0], [7.0001, 51.0005], [7.0001, 51.0005], [7.0, 51.001]], [[7.0, 51.0]]
+    ] } },
+    { "type": "Feature", "properties": {}, "geometry": { "type": "MultiPolygon", "coordinates": [
+      [[[7.0, 51.0], [7.1, 51.0], [7.1, 51.1], [7.0, 51.0]]], [[[8.0, 51.0], [8.1, 51.0], [8.0, 51.0]]]
+    ] } },
+    { "type": "Feature", "properties": {}, "geometry": null },
+    { "type": "Feature", "properties": {}, "geometry": { "type": "Point", "coordinates": [7.0, 51.0] } },
+    { "type": "Feature", "properties": {}, "geometry": { "type": "LineString", "coordinates": [[412000.0, 5650000.0], [412100.0, 5650000.0]] } },
+    { "type": "Feature", "properties": {}, "geometry": { "type": "Circle", "coordinates": [7.0, 51.0] } }
+  ]
+}"#;
+
+#[test]
+fn a_collection_of_features() {
+    let drawing = read(FIELD).unwrap();
+    assert_eq!(
+        outline(&drawing),
+        [
+            ("Home field", Role::Boundary, vec![4, 3]),
+            ("A-B", Role::Guidance, vec![2]),
+            ("7", Role::Guidance, vec![3]),
+            ("boundary 4", Role::Boundary, vec![3]),
+        ]
+    );
+    assert_eq!(
+        drawing.shapes[1].shape,
+        Shape::Line {
+            from: at(51.0, 7.0),
+            to: at(51.001, 7.0)
+        }
+    );
+    assert_eq!(
+        skipped(&drawing),
+        [
+            "a line of fewer than two places",
+            "an area of fewer than three corners",
+            "a feature without a geometry",
+            "a point: lines and polygons are read",
+            "a shape whose coordinates are not longitude and latitude in degrees",
+            "a geometry that is not one of RFC 7946",
+        ]
+    );
+}
+
+#[test]
+fn geometries_alone_and_in_a_collection() {
+    let line = r#"{"type":"LineString","coordinates":[[7,51],[7,52]]}"#;
+    assert_eq!(
+        outline(&read(line).unwrap()),
+        [("line 1", Role::Guidance, vec![2])]
+    );
+    let two = format!(r#"{{"type":"GeometryCollection","geometries":[{line},{line}]}}"#);
+    assert_eq!(read(&two).unwrap().shapes.len(), 2);
+    let feature =
+        format!(r#"{{"type":"Feature","properties":{{"label":" x "}},"geometry":{line}}}"#);
+    assert_eq!(read(&feature).unwrap().shapes[0].name, "x");
+}
+
+#[test]
+fn hopeless_files_are_refused_in_a_sentence() {
+    for (text, sentence) in [
+        ("{\n\"type\":", "line 2: it is not JSON: "),
+        (
+            "[]",
+            "it is JSON, but no GeoJSON: its outermost object has no \"type\"",
+        ),
+        (
+            r#"{"type":"FeatureCollection"}"#,
+            "its FeatureCollection has no list \"features\"",
+        ),
+        (
+            r#"{"type":"FeatureCollection","features":[],"crs":{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::25832"}}}"#,
+            "its coordinates are in urn:ogc:def:crs:EPSG::25832: export it as WGS 84 (EPSG:4326)",
+        ),
+        (
+            r#"{"type":"FeatureCollection","features":[{"type":"Feature","geometry":null,"properties":null}]}"#,
+            "there is no line, curve or boundary in this GeoJSON file; left out: a feature without a geometry",
+        ),
+    ] {
+        let error = read(text).unwrap_err().to_string();
+        assert!(error.starts_with(sentence), "{text}: {error}");
+    }
+}
