@@ -65,6 +65,9 @@ pub enum Command {
     Analyse(Analyse),
     /// Watch a bus against its schedule, as it happens.
     Monitor(Monitor),
+    /// Make missions, and check whether a vehicle can drive them.
+    #[command(subcommand)]
+    Mission(Mission),
     /// Compute the steering's calibration from a recorded drive.
     Calibrate(Calibrate),
     /// Measure the cycles, code and RAM of the protocol stack and the control step.
@@ -346,6 +349,7 @@ pub enum Kind {
     \x20 under the thesis's law, with half its gains\n  \
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
+    cargo xtask sim --mission field.toml --seconds 300   a mission, with headland turns\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
     cargo xtask sim --experiment thesis-7 --out thesis --resume\n                                                 \
     \x20 goes on with it where it was interrupted\n  \
@@ -405,6 +409,9 @@ pub struct Sim {
     #[arg(long, value_name = "FACTOR", value_parser = factor, allow_hyphen_values = true,
         conflicts_with_all = ["experiment", "faults", "list"])]
     pub gain_scale: Option<f64>,
+    /// Mission that the vehicle has in its flash [default: none, it drives the line of its waypoints]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["experiment", "faults", "list", "gdb", "law"])]
+    pub mission: Option<PathBuf>,
     /// Run an experiment instead: scenarios with many seeds, checked against aims
     #[arg(long, value_name = "NAME", group = "many", conflicts_with_all = ["scenario", "seconds", "list"])]
     pub experiment: Option<String>,
@@ -664,6 +671,109 @@ pub struct Figures {
     /// List the figures instead of drawing them
     #[arg(long, conflicts_with = "out")]
     pub list: bool,
+}
+
+/// What `mission` does.
+#[derive(Debug, Subcommand)]
+pub enum Mission {
+    /// Make a mission file from a field's boundary, from guidance lines, or from the vehicle's waypoints
+    New(NewMission),
+    /// Check whether a vehicle can drive a mission
+    Check(CheckMission),
+}
+
+/// Options of `mission new`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission new --out line.toml                      the line of the vehicle's waypoints\n  \
+    cargo xtask mission new --from field.geojson --width 3 --section 1 --picture field.svg --out field.toml\n                                                               \
+    \x20 swaths of 3 m in a field, with headland turns\n  \
+    cargo xtask mission new --from guidance.csv --lines --out lines.toml\n                                                               \
+    \x20 a leg along each line, with turns between them\n\n\
+    GeoJSON, CSV with headings, the folder of an AgOpenGPS field, ISOXML (TASKDATA.XML or its folder);\n\
+    xtask/mission/MISSIONS.md says what is read of them and what a mission file is.")]
+pub struct NewMission {
+    /// Boundary or lines to make it from [default: the vehicle's waypoints]
+    #[arg(long, value_name = "FILE")]
+    pub from: Option<PathBuf>,
+    /// The mission file
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Replace the mission file if it is there
+    #[arg(long)]
+    pub force: bool,
+    /// Take the lines of the file instead of dividing its first field
+    #[arg(long, requires = "from")]
+    pub lines: bool,
+    /// Working width, m: the distance between swaths
+    #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = metres)]
+    pub width: f64,
+    /// Width of the headland, m [default: twice the working width]
+    #[arg(long, value_name = "M", value_parser = metres, requires = "from", conflicts_with = "lines")]
+    pub headland: Option<f64>,
+    /// Direction of the swaths, degrees clockwise from north [default: the one with the fewest swaths]
+    #[arg(long, value_name = "DEG", value_parser = degrees, allow_hyphen_values = true, requires = "from",
+        conflicts_with = "lines")]
+    pub direction: Option<f64>,
+    /// Leave swaths out and drive them later, so that no turn is tighter than a half circle
+    #[arg(long, requires = "from", conflicts_with = "lines")]
+    pub skip: bool,
+    /// Speed on the swaths or lines, m/s [default: the vehicle's cruise speed]
+    #[arg(long, value_name = "M/S", value_parser = metres, requires = "from")]
+    pub speed: Option<f64>,
+    /// Section of the implement that works there, 1 to 8; may be given again for another one
+    #[arg(long, value_name = "N", requires = "from")]
+    pub section: Vec<u8>,
+    /// The base station: LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,HEIGHT, degrees and metres [default: what the file
+    /// measures from, or else where its first shape begins]
+    #[arg(long, value_name = "PLACE", value_parser = crate::mission::origin_of, allow_hyphen_values = true)]
+    pub origin: Option<mission::place::Origin>,
+    /// Name of the mission [default: that of the field]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Draw it from above
+    #[arg(long, value_name = "SVG")]
+    pub picture: Option<PathBuf>,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+}
+
+/// Options of `mission check`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission check field.toml --picture field.svg\n  \
+    cargo xtask mission check field.toml --json\n\n\
+    The check is the one that the vehicle makes of a mission before it drives it.")]
+pub struct CheckMission {
+    /// The mission file
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Draw it from above, with its curvature
+    #[arg(long, value_name = "SVG")]
+    pub picture: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+}
+
+/// Reads a length in metres or a speed in metres per second, above 0 to 1000.
+fn metres(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 1000.0 => Ok(value),
+        _ => Err("a number above 0 to 1000 is accepted".into()),
+    }
+}
+
+/// Reads an angle in degrees.
+fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (-360.0..=360.0).contains(&value) => Ok(value),
+        _ => Err("a number from -360 to 360 is accepted".into()),
+    }
 }
 
 /// Options of `analyse`.

@@ -20,6 +20,7 @@ pub mod experiment;
 pub mod figures;
 pub mod interrupt;
 pub mod keys;
+pub mod mission;
 pub mod monitor;
 pub mod new;
 pub mod probe;
@@ -76,6 +77,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         cli::Command::Analyse(options) => analyse::run(&workspace, &options),
         cli::Command::Figures(options) => figures::run(&workspace, &options),
         cli::Command::Campaign(options) => campaigns::run(&workspace, &options),
+        cli::Command::Mission(command) => mission::run(&workspace, &command),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => {

@@ -10,6 +10,9 @@ use world::Scenario;
 use super::{Error, first_scenario};
 use crate::{Failure, Workspace, cli::Sim, vehicle};
 
+/// The scenario of a mission.
+const MISSION: &str = "mission";
+
 /// The vehicle and the scenario that the command line names. Values of the command line count before
 /// those that the scenario sets.
 ///
@@ -18,9 +21,14 @@ use crate::{Failure, Workspace, cli::Sim, vehicle};
 /// There is no such vehicle or scenario, its file is wrong, a value is not accepted, or the vehicle has
 /// no law to choose.
 pub(super) fn choose(workspace: &Workspace, options: &Sim) -> Result<(Vehicle, Scenario), Failure> {
-    let own = options.changes.overrides();
+    let mut own = options.changes.overrides();
+    if options.mission.is_some() {
+        let on = Overrides::parse("mission.enabled=true").map_err(Failure::Usage)?;
+        own = on.and(own);
+    }
     let name = match &options.scenario {
         Some(name) => name.clone(),
+        None if options.mission.is_some() => MISSION.to_owned(),
         None => first_scenario(&vehicle::with(workspace, &options.vehicle, &own)?)?,
     };
     let (vehicle, scenario) = with(workspace, &options.vehicle, &name, &own)?;

@@ -28,7 +28,7 @@ use world::time::Span as _;
 use campaign::agreement::{self, Agreement};
 use serde_json::json;
 use twin::{Images, NodeOutcome, Outcome, Twin, TwinError};
-use vehicle_model::{NodeIndex, Vehicle};
+use vehicle_model::{Device, NodeIndex, Vehicle};
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
@@ -40,7 +40,8 @@ use world::{
 };
 
 use crate::{
-    Failure, Workspace, build, cli::Sim, network::matrix::Matrix, progress::Display, vehicle,
+    Failure, Workspace, build, cli::Sim, mission, network::matrix::Matrix, progress::Display,
+    vehicle,
 };
 use bus::Log;
 use live::Live;
@@ -229,12 +230,17 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
     };
 
+    let mission = options.mission.as_deref();
+    let mission = mission
+        .map(|path| mission::record(&vehicle, path))
+        .transpose()?;
     let live = live(&vehicle, options).map_err(Error::from)?;
     let wish = Wish {
         seed: options.seed,
         length: options.seconds,
         tasks: folder.is_some(),
         live,
+        mission,
         ..Wish::default()
     };
     let finished = match debugger {
@@ -483,6 +489,8 @@ pub(crate) struct Wish {
     pub quiet: bool,
     /// The pace, and the way of other programs to the bus.
     pub live: Option<Live>,
+    /// The record of a mission, which the controller's board has in its flash.
+    pub mission: Option<Vec<u8>>,
 }
 
 impl Wish {
@@ -504,8 +512,21 @@ pub(crate) fn simulate<'s>(
     scenario: &'s Scenario,
     wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
-    let images = images(workspace, vehicle)?;
+    let mut images = images(workspace, vehicle)?;
+    if let Some(record) = &wish.mission {
+        images = with_mission(images, vehicle, record.clone());
+    }
     simulate_with(&images, vehicle, scenario, wish)
+}
+
+/// The images, and a mission in the flash of the board that the operator commands.
+fn with_mission(images: Images, vehicle: &Vehicle, record: Vec<u8>) -> Images {
+    let node = vehicle.node_of(Device::OperatorSwitches);
+    let place = node.and_then(|node| Some((node, vehicle::board(vehicle, node).mission.as_ref()?)));
+    match place {
+        Some((node, place)) => images.with_data(node, place.base, record),
+        None => images,
+    }
 }
 
 /// Runs a scenario with images that are built.

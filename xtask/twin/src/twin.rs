@@ -27,33 +27,52 @@ use world::{Analog, Effect, Input, Output, Scenario, World, start_bit};
 
 /// The ELF files of a vehicle's nodes, in the order of its manifest.
 #[derive(Clone, Debug, Default)]
-pub struct Images(Vec<Vec<u8>>);
+pub struct Images {
+    files: Vec<Vec<u8>>,
+    data: Vec<(NodeIndex, u32, Vec<u8>)>,
+}
 
 impl Images {
     /// Takes the contents of the files, in the order of the manifest's nodes.
     #[must_use]
     pub fn new(files: Vec<Vec<u8>>) -> Self {
-        Self(files)
+        Self {
+            files,
+            data: Vec::new(),
+        }
     }
 
     /// The image of a node; empty if there is none.
     #[must_use]
     pub fn of(&self, node: NodeIndex) -> &[u8] {
-        self.0.get(node.0).map_or(&[], Vec::as_slice)
+        self.files.get(node.0).map_or(&[], Vec::as_slice)
     }
 
     /// The same images, except that one node's is replaced.
     #[must_use]
     pub fn with(mut self, node: NodeIndex, file: Vec<u8>) -> Self {
-        if let Some(image) = self.0.get_mut(node.0) {
+        if let Some(image) = self.files.get_mut(node.0) {
             *image = file;
         }
         self
     }
 
+    /// The same images, and bytes at an address of a node's flash, as a debug probe writes them beside its image.
+    #[must_use]
+    pub fn with_data(mut self, node: NodeIndex, address: u32, bytes: Vec<u8>) -> Self {
+        self.data.push((node, address, bytes));
+        self
+    }
+
+    /// What is beside a node's image in its flash.
+    fn data(&self, node: NodeIndex) -> impl Iterator<Item = (u32, &[u8])> {
+        let own = self.data.iter().filter(move |data| data.0 == node);
+        own.map(|(_, address, bytes)| (*address, bytes.as_slice()))
+    }
+
     /// All nodes and their images.
     pub fn iter(&self) -> impl Iterator<Item = (NodeIndex, &[u8])> {
-        let files = self.0.iter().enumerate();
+        let files = self.files.iter().enumerate();
         files.map(|(index, file)| (NodeIndex(index), file.as_slice()))
     }
 }
@@ -246,6 +265,9 @@ impl Twin {
                 error,
             };
             let mut image = Image::from_elf(part, images.of(index)).map_err(unfit)?;
+            for (address, bytes) in images.data(index) {
+                image.program(address, bytes).map_err(unfit)?;
+            }
             if scenario.key {
                 let place = wiring.sled().secret.base;
                 image.program(place, &secret(seed)).map_err(unfit)?;
