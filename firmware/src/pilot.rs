@@ -371,7 +371,8 @@ impl<M: Machine> Pilot<M> {
             applied,
             steering_angle,
             velocity: inputs.velocity,
-            cross_track: (!by_other(lead)).then_some(outcome.tracking.cross_track),
+            cross_track: (!by_other(lead) && self.controller.has_path())
+                .then_some(outcome.tracking.cross_track),
             dt: M::PERIOD,
         });
         (self.decision(), change)

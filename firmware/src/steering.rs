@@ -6,6 +6,7 @@ use control::controller::{Controller, Outcome, Sample, Settings, SettingsError};
 use control::line::Line;
 use control::mission::Stretch;
 use control::plain::PlainController;
+use control::route::Route as _;
 use control::safety::Command;
 
 use crate::mission::Design;
@@ -46,6 +47,11 @@ pub trait Law: Sized + Clone + Debug {
 
     /// The real steering rate as a share of the commanded one, as far as the law estimates it.
     fn effectiveness(&self) -> f32;
+
+    /// Whether there is a path to be on. While there is none, the vehicle stands.
+    fn has_path(&self) -> bool {
+        true
+    }
 }
 
 impl Law for Furrow {
@@ -78,6 +84,10 @@ impl Law for Furrow {
 
 impl Law for Mission {
     type Settings = Design;
+
+    fn has_path(&self) -> bool {
+        self.route().is_ready(self.progress())
+    }
 
     /// Until its path is made, the vehicle stands.
     fn new(

@@ -111,6 +111,21 @@ impl Drivable {
         }
     }
 
+    /// The pose `before` metres before the first leg, straight on to it; m and rad.
+    pub(crate) fn begin(&self, before: f64) -> Option<Pose<f64>> {
+        let first = self.legs.first()?.start;
+        let (north, east, heading) = (
+            f64::from(first.north),
+            f64::from(first.east),
+            f64::from(first.heading),
+        );
+        Some(Pose {
+            north: north - before * heading.cos(),
+            east: east - before * heading.sin(),
+            heading,
+        })
+    }
+
     /// Number of lines, arcs and clothoids.
     pub(crate) fn pieces(&self) -> usize {
         self.legs.len()

@@ -4,6 +4,8 @@ mod drivable;
 
 use std::{fs, path::Path};
 
+use control::dubins::Pose;
+
 use mission::{
     curve::Chain,
     field::{self, Direction, Ends, Field, Headland, Order, Work},
@@ -47,16 +49,30 @@ pub(crate) fn read_plan(path: &Path) -> Result<Plan, Failure> {
     Plan::read(&text, &name).map_err(|error| Failure::Usage(error.to_string()))
 }
 
-/// The record of a mission file for a vehicle, which can drive it.
+/// A mission for a vehicle, which can drive it.
+pub(crate) struct Loaded {
+    /// What lies in the flash.
+    pub record: Vec<u8>,
+    /// A place before its first leg, and the direction of that.
+    pub begin: Pose<f64>,
+}
+
+/// How far before the first leg a run begins, m: the vehicle finds its heading on the way.
+const RUN_UP: f64 = 3.0;
+
+/// Reads a mission file for a vehicle.
 ///
 /// # Errors
 /// It cannot be read, or the vehicle cannot drive it.
-pub(crate) fn record(vehicle: &Vehicle, path: &Path) -> Result<Vec<u8>, Failure> {
+pub(crate) fn load(vehicle: &Vehicle, path: &Path) -> Result<Loaded, Failure> {
     let usage = |why: String| Failure::Usage(format!("{}: {why}", path.display()));
     let drivable = Drivable::of(&read_plan(path)?).map_err(usage)?;
     let settings = settings(vehicle).map_err(Failure::Usage)?;
     drivable.check(&settings).map_err(usage)?;
-    drivable.record().map_err(usage)
+    Ok(Loaded {
+        record: drivable.record().map_err(usage)?,
+        begin: drivable.begin(RUN_UP).unwrap_or_default(),
+    })
 }
 
 fn check(workspace: &Workspace, options: &CheckMission) -> Result<(), Failure> {

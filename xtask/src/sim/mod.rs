@@ -37,6 +37,7 @@ use world::{
     },
     scenario::{Button, Listed},
     time,
+    units::{Angle, Length},
 };
 
 use crate::{
@@ -215,7 +216,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         return faults::run(workspace, &vehicle, options, sequences);
     }
     // Wrong input is reported before a build that takes time.
-    let (vehicle, scenario) = choice::choose(workspace, options)?;
+    let (vehicle, mut scenario) = choice::choose(workspace, options)?;
     switched_on(&vehicle, &scenario)?;
     let debugger = options.gdb.as_ref().map(|place| {
         let until = options.until.as_deref();
@@ -230,10 +231,19 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
     };
 
-    let mission = options.mission.as_deref();
-    let mission = mission
-        .map(|path| mission::record(&vehicle, path))
-        .transpose()?;
+    let mission = match &options.mission {
+        None => None,
+        Some(path) => {
+            let mission::Loaded { record, begin } = mission::load(&vehicle, path)?;
+            // A scenario that the user names says itself where the vehicle stands.
+            if options.scenario.is_none() {
+                scenario.start.north = Length::new(begin.north);
+                scenario.start.east = Length::new(begin.east);
+                scenario.start.heading = Angle::new(begin.heading);
+            }
+            Some(record)
+        }
+    };
     let live = live(&vehicle, options).map_err(Error::from)?;
     let wish = Wish {
         seed: options.seed,
