@@ -392,15 +392,15 @@ fn network_supplements(folder: &Path, manifest: &Manifest) -> Vec<PathBuf> {
 
 /// The text of the network file with what adds to it because the manifest switches it on.
 fn supplemented(folder: &Path, manifest: &Manifest, network: &str) -> Result<String, VehicleError> {
-    let files = network_supplements(folder, manifest).into_iter();
-    files.fold(Ok(network.to_owned()), |network, file| {
-        let network = network?;
-        match fs::read_to_string(&file) {
+    let mut files = network_supplements(folder, manifest).into_iter();
+    files.try_fold(
+        network.to_owned(),
+        |network, file| match fs::read_to_string(&file) {
             Ok(text) => network_model::supplemented(&network, &text)
                 .map_err(|what| VehicleError::Network { file, what }),
             Err(error) => Err(VehicleError::Unreadable { file, error }),
-        }
-    })
+        },
+    )
 }
 
 /// Reads the text of a manifest.

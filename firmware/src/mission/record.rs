@@ -42,6 +42,10 @@ const TURN: u32 = 1 << 25;
 
 /// What lies in the place of a mission.
 #[derive(Clone, Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "one value, at the start; a target has no heap"
+)]
 pub enum Stored {
     /// Nothing: the place is erased.
     None,

@@ -271,6 +271,7 @@ fn application(
         file: file.to_owned(),
         shown: short(file, base),
         app: App {
+            conditional: Vec::new(),
             tasks: Vec::new(),
             dispatchers: dispatchers(attribute),
             idle_locks: Vec::new(),

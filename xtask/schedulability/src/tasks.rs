@@ -38,6 +38,8 @@ pub struct App {
     pub tasks: Vec<Task>,
     /// Interrupts that run the software tasks.
     pub dispatchers: Vec<String>,
+    /// Names of the tasks with `#[cfg]`, which an image may not have.
+    pub conditional: Vec<String>,
     /// Shared resources that `idle` locks.
     pub idle_locks: Vec<String>,
     /// The timer that wakes software tasks, if it is a task of the node without being in the source.
@@ -139,6 +141,7 @@ impl App {
         };
         let mut app = Self {
             tasks: Vec::new(),
+            conditional: Vec::new(),
             dispatchers: names(arguments(attribute).get("dispatchers")).0,
             idle_locks: Vec::new(),
             timer: None,
@@ -167,6 +170,9 @@ impl App {
                     continue;
                 }
                 let name = signature.ident.to_string();
+                if attributes.iter().any(|one| one.path().is_ident("cfg")) {
+                    app.conditional.push(name.clone());
+                }
                 let line = attribute.span().start().line as u32;
                 let priority = priority(file, line, &name, arguments.get("priority"))?;
                 let (locks, reads) = names(arguments.get("shared"));
@@ -194,6 +200,13 @@ impl App {
             priority: app.timer_priority(),
         });
         Ok(app)
+    }
+
+    /// Removes the tasks with `#[cfg]` of which `has` says that they are not there.
+    pub fn keep_present(&mut self, has: impl Fn(&Task) -> bool) {
+        let conditional = &self.conditional;
+        self.tasks
+            .retain(|task| !conditional.contains(&task.name) || has(task));
     }
 
     /// Priorities of the software tasks that have a dispatcher, highest first.
@@ -372,6 +385,20 @@ mod app {
     async fn console(cx: console::Context) {}
 }
 "#;
+
+    #[test]
+    fn a_task_that_is_switched_off_is_dropped() {
+        let source = "#[rtic::app(device = pac)] mod app {\n#[task(binds = A, priority = 1)] fn one(_: one::Context) {}\n\
+                      #[cfg(more)] #[task(binds = B, priority = 2)] fn two(_: two::Context) {}\n}";
+        let mut app = App::parse("app.rs", source).unwrap();
+        let names =
+            |app: &App| -> Vec<String> { app.tasks.iter().map(|task| task.name.clone()).collect() };
+        app.keep_present(|_| true);
+        assert_eq!(names(&app), ["one", "two"]);
+        // Only what has a condition may be absent.
+        app.keep_present(|_| false);
+        assert_eq!(names(&app), ["one"]);
+    }
 
     #[test]
     fn an_application_is_read() {

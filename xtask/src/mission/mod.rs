@@ -50,7 +50,7 @@ pub(crate) fn read_plan(path: &Path) -> Result<Plan, Failure> {
 }
 
 /// A mission for a vehicle, which can drive it.
-pub(crate) struct Loaded {
+pub struct Loaded {
     /// What lies in the flash.
     pub record: Vec<u8>,
     /// A place before its first leg, and the direction of that.
@@ -64,7 +64,7 @@ const RUN_UP: f64 = 3.0;
 ///
 /// # Errors
 /// It cannot be read, or the vehicle cannot drive it.
-pub(crate) fn load(vehicle: &Vehicle, path: &Path) -> Result<Loaded, Failure> {
+pub fn load(vehicle: &Vehicle, path: &Path) -> Result<Loaded, Failure> {
     let usage = |why: String| Failure::Usage(format!("{}: {why}", path.display()));
     let drivable = Drivable::of(&read_plan(path)?).map_err(usage)?;
     let settings = settings(vehicle).map_err(Failure::Usage)?;

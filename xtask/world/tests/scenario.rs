@@ -343,15 +343,16 @@ fn every_scenario_of_a_vehicle_expects_something() {
             }
         }
     }
-    assert!(count >= 26, "{count} scenarios");
+    assert!(count >= 27, "{count} scenarios");
 }
 
 #[test]
 fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
     let listed = Scenario::list(&uagv::vehicle());
-    assert_eq!(listed.len(), 26);
-    assert_eq!(listed[6].name, "straight-line");
-    assert_eq!(listed[7].name, "departures/drive-dead");
+    assert_eq!(listed.len(), 27);
+    assert_eq!(listed[6].name, "mission");
+    assert_eq!(listed[7].name, "straight-line");
+    assert_eq!(listed[8].name, "departures/drive-dead");
     for scenario in listed {
         let found = uagv::find(&scenario.name);
         // In a folder, the file's name alone is that of the scenario.
