@@ -760,7 +760,7 @@ mod tests {
         let names = vehicle::names(&workspace).unwrap();
         let commands = on_target(&workspace, &names, "clippy", &DENIED).unwrap();
         let (boards, switched_on) = commands.split_at(Sled::ALL.len());
-        let [rows, guardian] = switched_on else {
+        let [rows, guardian, ..] = switched_on else {
             panic!("{switched_on:?}");
         };
         let line = typed(rows);
