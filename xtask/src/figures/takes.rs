@@ -51,12 +51,12 @@ pub(super) enum Take {
     StepFurrow,
     /// Between poles, three seeds.
     Poles(u64),
-    /// Between poles under Furrow's law.
-    PolesFurrow,
+    /// Between poles under Furrow's law, the same seeds.
+    PolesFurrow(u64),
     /// In a field, three seeds.
     Field(u64),
-    /// In a field under Furrow's law.
-    FieldFurrow,
+    /// In a field under Furrow's law, the same seeds.
+    FieldFurrow(u64),
 }
 
 /// How a run is made.
@@ -134,14 +134,14 @@ impl Take {
                 seed,
                 POLES,
             ),
-            Self::PolesFurrow => rows("thesis-2/poles", "rover.cruise=0.8 m/s", 1, POLES),
+            Self::PolesFurrow(seed) => rows("thesis-2/poles", "rover.cruise=0.8 m/s", seed, POLES),
             Self::Field(seed) => rows(
                 "thesis-2/field",
                 "rover.law=thesis;rover.cruise=0.4 m/s",
                 seed,
                 FIELD,
             ),
-            Self::FieldFurrow => rows("thesis-2/field", "rover.cruise=0.4 m/s", 1, FIELD),
+            Self::FieldFurrow(seed) => rows("thesis-2/field", "rover.cruise=0.4 m/s", seed, FIELD),
         }
     }
 
