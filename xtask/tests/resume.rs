@@ -111,6 +111,22 @@ fn goes_on(experiment: &Experiment, seeds: &str, signals: &[(&str, Option<i32>)]
     let said = refused(&experiment.done(seeds, &part, &["--seed", "77", "--resume"]));
     assert!(said.contains("another campaign or experiment"), "{said}");
     assert_eq!(left(), experiment.files.len() + 1);
+    // One that was edited is refused by the number of its line, and nothing is left behind.
+    let runs = part.join("experiment.runs");
+    let text = fs::read_to_string(&runs).unwrap();
+    let place = text.match_indices("\"run\":").nth(1).unwrap().0 + "\"run\":".len();
+    let line = text[..place].lines().count();
+    let digit = if &text[place..=place] == "1" {
+        "2"
+    } else {
+        "1"
+    };
+    let edited = format!("{}{digit}{}", &text[..place], &text[place + 1..]);
+    fs::write(&runs, edited).unwrap();
+    let said = refused(&experiment.done(seeds, &part, &["--resume"]));
+    let expected = format!("experiment.runs cannot be used: line {line} is not as it was written");
+    assert!(said.contains(&expected), "{said}");
+    assert_eq!(left(), experiment.files.len() + 1);
     fs::remove_file(part.join("experiment.runs")).unwrap();
     let said = refused(&experiment.done(seeds, &part, &["--resume"]));
     assert!(said.contains("whose runs were not kept"), "{said}");

@@ -185,22 +185,24 @@ pub(super) struct Ready {
 ///
 /// A scenario is wrong, or an image does not build.
 pub(super) fn ready(workspace: &Workspace, takes: &[Take]) -> Result<Vec<Ready>, Failure> {
-    let mut built = BuiltImages::default();
-    let mut all = Vec::new();
+    let mut chosen = Vec::new();
     for &take in takes {
         let recipe = take.recipe();
         let own = Overrides::parse(recipe.set).map_err(Failure::Usage)?;
-        let (vehicle, scenario) =
-            sim::choice::with(workspace, recipe.vehicle, recipe.scenario, &own)?;
+        let both = sim::choice::with(workspace, recipe.vehicle, recipe.scenario, &own)?;
+        chosen.push((take, both));
+    }
+    let mut built = BuiltImages::for_all(chosen.iter().map(|(_, (vehicle, _))| vehicle));
+    let ready = chosen.into_iter().map(|(take, (vehicle, scenario))| {
         let images = built.of(workspace, &vehicle)?;
-        all.push(Ready {
+        Ok(Ready {
             take,
             vehicle,
             scenario,
             images,
-        });
-    }
-    Ok(all)
+        })
+    });
+    ready.collect()
 }
 
 /// Makes the runs.
