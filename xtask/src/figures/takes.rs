@@ -342,7 +342,7 @@ impl<'r> Takes<'r> {
         };
         let frames = finished.run().frames.iter();
         let own = frames.filter(|frame| {
-            frame.complete && frame.id == message.id && frame.dlc == message.length
+            frame.is_message() && frame.id == message.id && frame.dlc == message.length
         });
         let value = |data: &[u8]| signal.physical(signal.extract(data));
         own.map(|frame| (seconds(frame.end), value(&frame.data)))

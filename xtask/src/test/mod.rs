@@ -680,6 +680,7 @@ mod tests {
             due: report::Due::Always,
         };
         let frame = |id, start| report::FrameRecord {
+            remote: false,
             id,
             dlc: 0,
             data: [0; 8],
