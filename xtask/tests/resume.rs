@@ -41,7 +41,7 @@ impl Experiment {
             .command(seeds, out)
             .args(more)
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let journal = out.join("experiment.journal");
@@ -73,11 +73,19 @@ fn goes_on(experiment: &Experiment, seeds: &str, signals: &[(&str, Option<i32>)]
 
     let mut runs = 1;
     for (signal, expected) in signals {
-        let mut run = experiment.started(seeds, &part, &["--resume"], runs);
+        let run = experiment.started(seeds, &part, &["--resume"], runs);
         let pid = run.id().to_string();
         let kill = Command::new("kill").args(["-s", signal, &pid]).status();
         assert!(kill.unwrap().success());
-        assert_eq!(run.wait().unwrap().code(), *expected, "{signal}");
+        let ended = run.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), *expected, "{signal}");
+        if expected.is_some() {
+            let said = String::from_utf8_lossy(&ended.stderr);
+            assert!(
+                said.contains("kept in") && said.contains("--resume goes on"),
+                "{said}"
+            );
+        }
         let journal = fs::read_to_string(part.join("experiment.journal")).unwrap();
         runs = journal.lines().count();
     }

@@ -218,6 +218,7 @@ impl<T> Kept<T> {
     fn say(&self) {
         let journal = self.journal.display();
         interrupt::say_when_interrupted(Some(match self.count {
+            0 => "no run was done yet, and --resume begins with the first".to_owned(),
             1 => format!("1 run is kept in {journal}: --resume goes on with it"),
             count => format!("{count} runs are kept in {journal}: --resume goes on with them"),
         }));
