@@ -14,7 +14,7 @@ use vehicle_model::{NodeIndex, Vehicle, build::OVERRIDES};
 use crate::{
     Failure, ReadError, Workspace, audit,
     cli::Build,
-    seal,
+    interrupt, seal,
     size::{self, Size},
     target, vehicle,
 };
@@ -133,6 +133,7 @@ pub fn images(
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Vec<Image>, Failure> {
+    vehicle::check_boards(vehicle, nodes)?;
     target::ensure(workspace)?;
     let mut images = Vec::new();
     for board in Sled::ALL {
@@ -215,10 +216,17 @@ pub(crate) fn finish(
 ) -> Result<Vec<Image>, Failure> {
     cargo.arg("--message-format=json-render-diagnostics");
     let _alone = workspace.builds_alone();
-    let output = cargo
+    let cargo = cargo
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
         .stderr(Stdio::inherit())
-        .output()
+        .spawn()
         .map_err(Error::NoCargo)?;
+    let pid = cargo.id();
+    interrupt::end_together(pid);
+    let output = cargo.wait_with_output().map_err(Error::NoCargo);
+    interrupt::end_alone(pid);
+    let output = output?;
     if !output.status.success() {
         let names = nodes.iter().map(|&node| vehicle.node(node).name.clone());
         let nodes = names.collect();

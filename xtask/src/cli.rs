@@ -459,7 +459,8 @@ pub struct Sim {
     #[arg(long, value_name = "BUS", conflicts_with_all = ["faults", "experiment", "list"])]
     pub can: Option<Can>,
     /// Folder for a run's run.html, run.mcap, bus.log, states.csv, consoles, logs, display.txt, motors.csv,
-    /// summary.json and pictures, an experiment's experiment.json, runs.csv and experiment.runs (for --resume), or the fault sequences'
+    /// summary.json and pictures, an experiment's experiment.json, runs.csv and, for --resume, experiment.journal
+    /// while it runs and experiment.runs when it is done, or the fault sequences'
     /// faults.json (faults-I-of-N.json of a shard) [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

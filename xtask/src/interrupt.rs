@@ -9,8 +9,13 @@ use std::{
     },
 };
 
-/// Files that an end removes.
-static FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// Links that an end removes, each with what it leads to.
+static LINKS: Mutex<Vec<(PathBuf, PathBuf)>> = Mutex::new(Vec::new());
+/// Programs that this one waits for, and ends with it. Otherwise they would complain that nobody reads what they
+/// say.
+static PROGRAMS: Mutex<Vec<u32>> = Mutex::new(Vec::new());
+/// What is said of work that is kept.
+static KEPT: Mutex<Option<String>> = Mutex::new(None);
 /// What gives the terminal back to the shell.
 static RESTORE: Mutex<Option<fn()>> = Mutex::new(None);
 /// Whether the command ends by itself when it is asked to.
@@ -18,18 +23,63 @@ static ENDS: AtomicBool = AtomicBool::new(false);
 /// Whether it has been asked to.
 static ASKED: AtomicBool = AtomicBool::new(false);
 
-fn files() -> MutexGuard<'static, Vec<PathBuf>> {
-    FILES.lock().unwrap_or_else(PoisonError::into_inner)
+fn links() -> MutexGuard<'static, Vec<(PathBuf, PathBuf)>> {
+    LINKS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes a file if the command is interrupted.
-pub(crate) fn remove_when_interrupted(file: &Path) {
-    files().push(file.to_owned());
+/// Removes a link to `target` if the command is interrupted.
+pub(crate) fn remove_when_interrupted(link: &Path, target: &Path) {
+    links().push((link.to_owned(), target.to_owned()));
 }
 
-/// Takes [`remove_when_interrupted`] back.
-pub(crate) fn keep(file: &Path) {
-    files().retain(|one| one != file);
+/// Removes such a link now.
+pub(crate) fn remove_link(link: &Path) {
+    let mut links = links();
+    for (link, target) in links.extract_if(.., |(one, _)| one == link) {
+        remove_own(&link, &target);
+    }
+}
+
+/// Removes a link, unless somebody has put something else in its place.
+fn remove_own(link: &Path, target: &Path) {
+    if fs::read_link(link).is_ok_and(|leads| leads == target) {
+        // A link that stays leads nowhere, and the next run replaces it.
+        let _ = fs::remove_file(link);
+    }
+}
+
+/// Ends a program, by its number, if the command is interrupted.
+pub(crate) fn end_together(program: u32) {
+    PROGRAMS
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .push(program);
+}
+
+/// Takes [`end_together`] back.
+pub(crate) fn end_alone(program: u32) {
+    PROGRAMS
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .retain(|one| *one != program);
+}
+
+#[cfg(unix)]
+fn end_program(program: u32) {
+    use rustix::process::{Pid, Signal, kill_process};
+    let pid = i32::try_from(program).ok().and_then(Pid::from_raw);
+    if let Some(pid) = pid {
+        // It may have ended by itself.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+}
+
+#[cfg(not(unix))]
+fn end_program(_: u32) {}
+
+/// Sets what an interrupted command says of the work that is kept; `None` if there is none.
+pub(crate) fn say_when_interrupted(kept: Option<String>) {
+    *KEPT.lock().unwrap_or_else(PoisonError::into_inner) = kept;
 }
 
 /// Sets the function that gives the terminal back before an interrupted command ends; `None` removes it.
@@ -53,11 +103,17 @@ fn end_by(signal: i32) -> ! {
         restore();
     }
     world::report::remove_unfinished();
-    for file in files().drain(..) {
-        // If this fails, the next run removes it.
-        let _ = fs::remove_file(file);
+    for (link, target) in links().drain(..) {
+        remove_own(&link, &target);
     }
-    eprintln!("interrupted");
+    let mut programs = PROGRAMS.lock().unwrap_or_else(PoisonError::into_inner);
+    for program in programs.drain(..) {
+        end_program(program);
+    }
+    match KEPT.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        Some(kept) => eprintln!("interrupted; {kept}"),
+        None => eprintln!("interrupted"),
+    }
     std::process::exit(128 + signal)
 }
 

@@ -41,6 +41,20 @@ macro_rules! eprintln {
     }};
 }
 
+/// A text without the characters that would make a terminal do something: of files, and of names that
+/// others have chosen.
+pub(crate) fn plain(text: &str) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for one in text.chars() {
+        if one.is_control() && one != '\n' && one != '\t' {
+            plain.extend(one.escape_default());
+        } else {
+            plain.push(one);
+        }
+    }
+    plain
+}
+
 /// Prints text.
 pub(crate) fn put(text: Arguments<'_>) {
     if ERROR.get().is_none() {

@@ -50,6 +50,20 @@ pub enum Error {
         /// The options that name each vehicle.
         choices: String,
     },
+    /// A node's program is for another board.
+    #[error(
+        "node.{index}.board: the program of {node} is written for {accepted}, and {board} is no board of it"
+    )]
+    Board {
+        /// Place of the node in the manifest.
+        index: usize,
+        /// The node.
+        node: String,
+        /// The board that it is to be built for.
+        board: &'static str,
+        /// Those that its program is for.
+        accepted: String,
+    },
     /// The package of a vehicle cannot be read.
     #[error("{}: {why}", path.display())]
     Package {
@@ -253,19 +267,61 @@ pub fn board(vehicle: &Vehicle, node: NodeIndex) -> &'static Sled {
 /// Its manifest cannot be read.
 pub fn package(vehicle: &Vehicle) -> Result<String, Error> {
     let manifest = vehicle.folder().join("Cargo.toml");
-    let wrong = |why| Error::Package {
-        path: manifest.clone(),
-        why,
-    };
-    let text = fs::read_to_string(&manifest).map_err(|error| wrong(PackageError::Read(error)))?;
-    let table: toml::Table = text
-        .parse()
-        .map_err(|error| wrong(PackageError::Syntax(error)))?;
+    let table = package_table(&manifest)?;
     let name = table
         .get("package")
         .and_then(|package| package.get("name")?.as_str());
-    name.map(str::to_owned)
-        .ok_or_else(|| wrong(PackageError::NoName))
+    name.map(str::to_owned).ok_or(Error::Package {
+        path: manifest,
+        why: PackageError::NoName,
+    })
+}
+
+/// The manifest of a package.
+fn package_table(manifest: &Path) -> Result<toml::Table, Error> {
+    let wrong = |why| Error::Package {
+        path: manifest.to_owned(),
+        why,
+    };
+    let text = fs::read_to_string(manifest).map_err(|error| wrong(PackageError::Read(error)))?;
+    text.parse()
+        .map_err(|error| wrong(PackageError::Syntax(error)))
+}
+
+/// Checks that the programs of these nodes are written for their boards: the package says it in the features that
+/// a program requires.
+///
+/// # Errors
+///
+/// One is not, or the package cannot be read.
+pub fn check_boards(vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<(), Error> {
+    let table = package_table(&vehicle.folder().join("Cargo.toml"))?;
+    let programs = table.get("bin").and_then(toml::Value::as_array);
+    for &node in nodes {
+        let (name, board) = (&vehicle.node(node).name, board(vehicle, node).name);
+        let mut programs = programs.into_iter().flatten();
+        let of_node =
+            |one: &&toml::Value| one.get("name").and_then(toml::Value::as_str) == Some(name);
+        let features = programs
+            .find(of_node)
+            .and_then(|program| program.get("required-features")?.as_array());
+        let features = features
+            .into_iter()
+            .flatten()
+            .filter_map(toml::Value::as_str);
+        let boards: Vec<&str> = features
+            .filter(|feature| Sled::ALL.iter().any(|sled| sled.name == *feature))
+            .collect();
+        if !boards.is_empty() && !boards.contains(&board) {
+            return Err(Error::Board {
+                index: node.0,
+                node: name.clone(),
+                board,
+                accepted: boards.join(" and "),
+            });
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -377,5 +433,25 @@ mod tests {
         let (_folder, workspace) = workspace(&["plough"]);
         let vehicle = on_bus(&workspace, "socketcan:can0", &Overrides::default()).unwrap();
         assert_eq!(vehicle.name(), "plough");
+    }
+
+    /// Before cargo says it in words that nobody understands who only chose a board.
+    #[test]
+    fn a_board_that_a_program_is_not_written_for_is_refused() {
+        let workspace = Workspace::find().unwrap();
+        let set = vehicle_model::Override::parse("node.0.board=f303").into_iter();
+        let vehicle = with(&workspace, SMALLEST, &set.collect()).unwrap();
+        let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
+        let error = check_boards(&vehicle, &nodes).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "node.0.board: the program of master is written for f446, and f303 is no board of it"
+        );
+        assert_eq!(Failure::from(error).exit_code(), 2);
+        for name in Vehicle::names(&workspace.vehicles()).unwrap() {
+            let vehicle = find(&workspace, &name).unwrap();
+            let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
+            assert!(check_boards(&vehicle, &nodes).is_ok(), "{name}");
+        }
     }
 }

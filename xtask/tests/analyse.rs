@@ -162,8 +162,116 @@ fn unknown_identifiers_remote_frames_and_wrong_lengths_are_counted() {
         .collect();
     assert_eq!(unknown, [(0x7F0, false), (0x18FF_0102, true)]);
     assert_eq!((found.log.remote_frames, found.log.wrong_length), (1, 1));
+    let [asked] = &found.remote[..] else {
+        panic!("{:?}", found.remote);
+    };
+    assert_eq!((asked.id, asked.message.as_deref()), (300, Some("Command")));
+    assert!(
+        text(&found).contains("1 remote frame for 300"),
+        "{}",
+        text(&found)
+    );
     assert_eq!(found.log.frames, clean.log.frames + 4);
     assert_eq!(found.steering, clean.steering);
+}
+
+/// Any node may ask for a message: that it was asked for is no frame of its sender, nor of a window.
+#[test]
+fn remote_frames_have_no_share_in_messages_and_windows() {
+    let mut log = String::new();
+    for line in drive().lines() {
+        log += line;
+        log.push('\n');
+        if line.contains(" can0 0CE#") {
+            // In the middle of another message's window.
+            let at: f64 = line[1..18].parse().unwrap();
+            log += &format!("({:.6}) can0 0CE#R2\n", at + 0.000_01);
+            log += &format!("({:.6}) can0 064#R8\n", at + 0.000_02);
+        }
+    }
+    let (clean, found) = (of_text(drive()), of_text(log));
+    assert!(found.log.remote_frames > 100);
+    assert_eq!(found.messages, clean.messages);
+    assert_eq!(found.schedule, clean.schedule);
+    assert_eq!(found.events, clean.events);
+    assert!(found.unknown.is_empty());
+    assert_eq!(found.remote.len(), 2);
+}
+
+/// The log of another vehicle: its frames are those of a schedule that this one does not have.
+#[test]
+fn a_log_of_another_vehicle_names_it() {
+    let workspace = Workspace::find().unwrap();
+    let network = vehicle::find(&workspace, "two-boards").unwrap();
+    let network = network.network();
+    let mut log = String::new();
+    for cycle in 0..100_u32 {
+        let mut messages: Vec<_> = network.messages.iter().collect();
+        messages.sort_by_key(|message| message.window.start_us);
+        for message in messages.iter().filter(|one| one.window.start_us < 15_000) {
+            let at = cycle * network.basic_cycle_us + message.window.start_us + 1000;
+            let data = "00".repeat(usize::from(message.length));
+            log += &format!(
+                "({:.6}) can0 {:03X}#{}\n",
+                f64::from(at) * 1e-6,
+                message.id,
+                data
+            );
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bus.log");
+    fs::write(&file, log).unwrap();
+    let done = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(["analyse", file.to_str().unwrap()])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(said.contains("--vehicle two-boards fits better"), "{said}");
+    let clean = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(["analyse", DRIVE])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&clean.stderr);
+    assert!(!said.contains("note:"), "{said}");
+}
+
+/// Times count from the first stamp, and the first frame began before it.
+#[test]
+fn no_event_is_before_the_first_stamp() {
+    let log: String = drive()
+        .lines()
+        .filter(|line| !(0.25..0.45).contains(&line[1..18].parse::<f64>().unwrap()))
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    let found = of_text(log);
+    let missing = found.events.iter();
+    let missing = missing.filter(|event| event.kind == EventKind::MissingReference);
+    assert_eq!(missing.count(), 1);
+    assert!(found.events.iter().all(|event| event.at_seconds >= 0.0));
+}
+
+/// What waited in a queue until the logger read it is stamped late, all at once.
+#[test]
+fn nothing_is_judged_before_two_references_are_in_order() {
+    let opened = 1.53;
+    let log: String = drive()
+        .lines()
+        .map(|line| {
+            let at: f64 = line[1..18].parse().unwrap();
+            format!("({:.6}) {}\n", at.max(opened), &line[20..])
+        })
+        .collect();
+    let schedule = of_text(log).schedule.unwrap();
+    assert_eq!(schedule.frames_outside_their_window, 0);
+    assert_eq!(
+        (schedule.missed_windows, schedule.missing_references),
+        (0, 0)
+    );
+    assert!(schedule.frames_without_reference > 10);
+    assert!(schedule.shortest_cycle_us.unwrap() > 90_000.0);
 }
 
 #[test]

@@ -77,6 +77,13 @@ fn parts_and_an_interrupted_run_make_the_same_report() {
 
     let said = sentence(&done(&mut xtask(&["campaign", "merge", text(&one)])));
     assert!(said.contains("parts are missing: 2/2"), "{said}");
+    // What goes on for ever is no part, and what a file says does nothing to a terminal.
+    let said = sentence(&done(&mut xtask(&["campaign", "merge", "/dev/zero"])));
+    assert!(said.contains("is larger than"), "{said}");
+    let escape = folder.path().join("escape.json");
+    fs::write(&escape, "{\"\u{1b}[31m\": 1}").unwrap();
+    let said = sentence(&done(&mut xtask(&["campaign", "merge", text(&escape)])));
+    assert!(!said.contains('\u{1b}'), "{said}");
     let manifest = ["campaign", "merge", "Cargo.toml"];
     let said = sentence(&done(&mut xtask(&manifest)));
     assert!(

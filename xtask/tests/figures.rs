@@ -27,10 +27,15 @@ fn figures_are_drawn_beside_the_numbers_of_the_thesis() {
         let value = |key: &str| number[key].as_f64().unwrap();
         (value("thesis"), value("furrow"))
     };
-    // The text of the display, the handling of a frame, and the basic cycle.
+    // The text of the display, the control step, and the basic cycle.
     let (thesis, furrow) = number(0, 0);
     assert_eq!(thesis, 400.0);
     assert!((1.0..400.0).contains(&furrow), "{furrow}");
+    let (thesis, control) = number(0, 1);
+    assert_eq!(thesis, 8.0);
+    assert!((1.0..40.0).contains(&control), "{control}");
+    // As they are printed.
+    assert_eq!((furrow * 10.0).round() / 10.0, furrow);
     let (thesis, furrow) = number(1, 0);
     assert_eq!(thesis, 100.0);
     assert!((furrow - 100.0).abs() < 0.02, "{furrow}");

@@ -118,6 +118,27 @@ fn a_link_is_left_by_nobody() {
     }
 }
 
+/// What somebody has put in the place of the link is not the run's.
+#[test]
+fn a_file_in_place_of_the_link_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("bus");
+    for signal in ["INT", ""] {
+        let _ = fs::remove_file(&link);
+        let mut run = run(folder.path(), if signal.is_empty() { "1" } else { "60" });
+        wait_for(&link);
+        fs::remove_file(&link).unwrap();
+        fs::write(&link, "mine").unwrap();
+        if !signal.is_empty() {
+            let pid = run.id().to_string();
+            let kill = Command::new("kill").args(["-s", signal, &pid]).status();
+            assert!(kill.unwrap().success());
+        }
+        run.wait().unwrap();
+        assert_eq!(fs::read_to_string(&link).unwrap(), "mine", "{signal}");
+    }
+}
+
 /// `python-can` of PyPI, if it is installed with `pyserial`.
 #[test]
 fn python_can_hears_the_bus() {

@@ -2,13 +2,15 @@
 
 use std::{
     fs,
+    io::{Read, Write},
     path::PathBuf,
-    process::{Command, Stdio},
+    process::{Command, Output, Stdio},
     thread,
     time::Duration,
 };
 
 use can_bus::{Frame, candump::Line};
+use embedded_can::StandardId;
 use xtask::{
     Workspace,
     analyse::analyse,
@@ -120,6 +122,138 @@ fn nodes_that_do_not_behave_are_named() {
     }
     let picture = watch.picture(Duration::from_millis(10_800));
     assert_eq!(class(&picture, "controller"), Class::Babbling);
+}
+
+/// Any node may ask for a message: that it was asked for says nothing of its sender.
+#[test]
+fn remote_frames_are_none_of_the_sender() {
+    let mut watch = watch();
+    let remote = StandardId::new(206).and_then(|id| Frame::new_remote(id, 2));
+    for millis in 0..20 {
+        watch.take(Duration::from_millis(50 * millis), &remote.unwrap());
+    }
+    let picture = watch.picture(Duration::from_secs(1));
+    assert_eq!(class(&picture, "steering"), Class::Unheard);
+    assert!(picture.messages.is_empty() && picture.foreign.is_empty());
+    assert_eq!((picture.remote["0x0CE"], picture.frames), (20, 20));
+    assert!(picture.load_percent > 0.3);
+    assert!(
+        picture.text().contains("remote frames"),
+        "{}",
+        picture.text()
+    );
+}
+
+/// What waited in a queue until the bus was opened is stamped when it is read.
+#[test]
+fn windows_are_judged_from_two_references_in_order_on() {
+    let mut watch = watch();
+    let opened = Duration::from_millis(1_530);
+    for (at, frame) in drive() {
+        watch.take(at.max(opened), &frame);
+    }
+    let picture = watch.picture(Duration::from_secs(10));
+    let outside: u64 = picture.messages.iter().map(|one| one.outside).sum();
+    assert_eq!(outside, 0, "{}", picture.text());
+}
+
+/// An adapter on a pseudo-terminal: answers what the command asks, then plays what it is given, and goes away.
+#[cfg(unix)]
+fn adapter(play: impl FnOnce(&mut fs::File) + Send + 'static, extra: &[&str]) -> Output {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    let end = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&end).unwrap();
+    unlockpt(&end).unwrap();
+    let path = ptsname(&end, Vec::new()).unwrap().into_string().unwrap();
+    // Without echo, as a serial line.
+    let port = serial2::SerialPort::open(&path, 115_200).unwrap();
+    let mut end = fs::File::from(end);
+    let playing = thread::spawn(move || {
+        let (mut said, mut byte) = (String::new(), [0]);
+        while !said.ends_with("O\r") {
+            end.read_exact(&mut byte).unwrap();
+            said.push(char::from(byte[0]));
+            if byte[0] == b'\r' {
+                end.write_all(b"\r").unwrap();
+            }
+        }
+        drop(port);
+        // The command is behind the answer before the first frame comes.
+        thread::sleep(Duration::from_millis(100));
+        play(&mut end);
+    });
+    let done = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args([
+            "monitor",
+            &format!("slcan:{path}"),
+            "--vehicle",
+            "two-boards",
+        ])
+        .args(extra)
+        .current_dir(root())
+        .output()
+        .unwrap();
+    playing.join().unwrap();
+    done
+}
+
+/// The adapter says `t` with the stamp of that many milliseconds.
+#[cfg(unix)]
+fn stamped(id: u16, data: &str, millis: u64) -> String {
+    format!("t{id:03X}{}{data}{:04X}\r", data.len() / 2, millis % 60_000)
+}
+
+/// A simulated bus that is slower than time is judged by its own.
+#[cfg(unix)]
+#[test]
+fn a_bus_that_is_slower_than_time_is_alive() {
+    let done = adapter(
+        |end| {
+            // At a tenth of time: three basic cycles last over three seconds.
+            for cycle in 0..30 {
+                let at = 59_000 + 20 * cycle;
+                let lines = stamped(100, &format!("00000000{:02X}000000", cycle % 64), at)
+                    + &stamped(300, "0000000000000000", at + 7);
+                end.write_all(lines.as_bytes()).unwrap();
+                thread::sleep(Duration::from_millis(200));
+            }
+        },
+        &["--json", "--seconds", "5"],
+    );
+    assert!(done.status.success(), "{done:?}");
+    let picture: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(picture["nodes"][0]["class"], "present", "{picture}");
+    let pace = picture["pace"].as_f64().unwrap();
+    assert!((0.08..0.12).contains(&pace), "{picture}");
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(said.contains("the bus runs at 0.1 of time"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_adapter_that_goes_away_leaves_the_last_picture_and_whole_lines() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = folder.path().join("bus.log");
+    let done = adapter(
+        |end| {
+            let lines = stamped(100, "0000000000000000", 5) + "t0ZZ\r" + &"x".repeat(50) + "\r";
+            let all = lines + &stamped(300, "0000000000000000", 12) + "t12C8000";
+            end.write_all(all.as_bytes()).unwrap();
+            thread::sleep(Duration::from_millis(300));
+        },
+        &["--json", "--record", record.to_str().unwrap()],
+    );
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains(" has ended: "), "{said}");
+    let picture: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(picture["frames"], 2);
+    assert_eq!(picture["unreadable_lines"], 2);
+    let lines = fs::read_to_string(&record).unwrap();
+    assert!(
+        lines.ends_with('\n') && lines.lines().count() == 2,
+        "{lines}"
+    );
 }
 
 /// Ctrl-C ends the watch, and what was seen is printed.

@@ -41,7 +41,7 @@ impl Experiment {
             .command(seeds, out)
             .args(more)
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let journal = out.join("experiment.journal");
@@ -73,11 +73,19 @@ fn goes_on(experiment: &Experiment, seeds: &str, signals: &[(&str, Option<i32>)]
 
     let mut runs = 1;
     for (signal, expected) in signals {
-        let mut run = experiment.started(seeds, &part, &["--resume"], runs);
+        let run = experiment.started(seeds, &part, &["--resume"], runs);
         let pid = run.id().to_string();
         let kill = Command::new("kill").args(["-s", signal, &pid]).status();
         assert!(kill.unwrap().success());
-        assert_eq!(run.wait().unwrap().code(), *expected, "{signal}");
+        let ended = run.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), *expected, "{signal}");
+        if expected.is_some() {
+            let said = String::from_utf8_lossy(&ended.stderr);
+            assert!(
+                said.contains("kept in") && said.contains("--resume goes on"),
+                "{said}"
+            );
+        }
         let journal = fs::read_to_string(part.join("experiment.journal")).unwrap();
         runs = journal.lines().count();
     }
@@ -110,6 +118,22 @@ fn goes_on(experiment: &Experiment, seeds: &str, signals: &[(&str, Option<i32>)]
     assert_eq!(again.stdout, output.stdout);
     let said = refused(&experiment.done(seeds, &part, &["--seed", "77", "--resume"]));
     assert!(said.contains("another campaign or experiment"), "{said}");
+    assert_eq!(left(), experiment.files.len() + 1);
+    // One that was edited is refused by the number of its line, and nothing is left behind.
+    let runs = part.join("experiment.runs");
+    let text = fs::read_to_string(&runs).unwrap();
+    let place = text.match_indices("\"run\":").nth(1).unwrap().0 + "\"run\":".len();
+    let line = text[..place].lines().count();
+    let digit = if &text[place..=place] == "1" {
+        "2"
+    } else {
+        "1"
+    };
+    let edited = format!("{}{digit}{}", &text[..place], &text[place + 1..]);
+    fs::write(&runs, edited).unwrap();
+    let said = refused(&experiment.done(seeds, &part, &["--resume"]));
+    let expected = format!("experiment.runs cannot be used: line {line} is not as it was written");
+    assert!(said.contains(&expected), "{said}");
     assert_eq!(left(), experiment.files.len() + 1);
     fs::remove_file(part.join("experiment.runs")).unwrap();
     let said = refused(&experiment.done(seeds, &part, &["--resume"]));

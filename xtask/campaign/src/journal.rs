@@ -1,13 +1,15 @@
 //! What a campaign has done so far, in a file, so that one that was interrupted can go on.
 //!
 //! The first line names the campaign and the part; each further one is the verdict of a sequence. A last
-//! line that was cut off is dropped.
+//! line that was cut off is dropped. At the end of each line is a check value of the heading and the line, so
+//! that a file that was edited, or put together from others, is not taken for what was simulated.
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
+use crc::{CRC_64_XZ, Crc};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::attack::Tally;
@@ -24,8 +26,8 @@ struct Heading {
 impl Heading {
     /// Whether the part has the sequence of this seed.
     fn has(&self, seed: u64) -> bool {
-        let number = seed.wrapping_sub(self.campaign.seed);
-        number < self.campaign.sequences && number % self.shard.of == self.shard.index - 1
+        let campaign = &self.campaign;
+        self.shard.has(campaign.seed, campaign.sequences, seed)
     }
 }
 
@@ -47,6 +49,20 @@ pub struct Journal {
 #[derive(Debug)]
 pub struct Lines {
     file: File,
+    /// The heading, which the check values count in.
+    heading: Vec<u8>,
+}
+
+/// What is between a line and its check value.
+const BEFORE_CHECK: u8 = b'\t';
+
+/// The check value of a line under a heading.
+fn check(heading: &[u8], line: &[u8]) -> String {
+    let crc = Crc::<u64>::new(&CRC_64_XZ);
+    let mut digest = crc.digest();
+    digest.update(heading);
+    digest.update(line);
+    format!("{:016x}", digest.finalize())
 }
 
 /// Why a journal cannot be used. Displays as a clause.
@@ -70,6 +86,12 @@ pub enum JournalError {
     /// Another process writes it.
     #[error("another run writes it")]
     InUse,
+    /// A line is not as it was written.
+    #[error("line {line} is not as it was written: its check value does not fit")]
+    Changed {
+        /// Its number.
+        line: usize,
+    },
     /// A line in its middle is none of a journal.
     #[error("line {line} is none of a journal")]
     Line {
@@ -146,11 +168,12 @@ impl Lines {
             std::fs::TryLockError::WouldBlock => JournalError::InUse,
             std::fs::TryLockError::Error(error) => JournalError::File(error),
         })?;
-        let (entries, length) = read(&mut file, heading)?;
+        let own = serde_json::to_vec(heading).map_err(io::Error::from)?;
+        let (entries, length) = read(&mut file, heading, &own)?;
         // What is behind the last whole line was cut off.
         file.set_len(length)?;
         file.seek(SeekFrom::End(0))?;
-        let mut lines = Self { file };
+        let mut lines = Self { file, heading: own };
         if length == 0 {
             lines.add(heading)?;
         }
@@ -163,18 +186,20 @@ impl Lines {
     /// It cannot be written.
     pub fn add(&mut self, entry: &impl Serialize) -> io::Result<()> {
         let mut text = serde_json::to_vec(entry)?;
+        let check = check(&self.heading, &text);
+        text.push(BEFORE_CHECK);
+        text.extend(check.bytes());
         text.push(b'\n');
         self.file.write_all(&text)
     }
 }
 
-/// The entries in a file, and the length of its whole lines.
-fn read<H, E>(file: &mut File, heading: &H) -> Result<(Vec<E>, u64), JournalError>
+/// The entries in a file, and the length of its whole lines. `own` is the heading as it is written.
+fn read<H, E>(file: &mut File, heading: &H, own: &[u8]) -> Result<(Vec<E>, u64), JournalError>
 where
     H: Serialize + DeserializeOwned + PartialEq,
     E: DeserializeOwned,
 {
-    let own = serde_json::to_vec(heading).map_err(io::Error::from)?;
     let begin = own.split_inclusive(|byte| *byte == b':').next();
     let mut lines = BufReader::new(file);
     let mut entries = Vec::new();
@@ -190,17 +215,23 @@ where
             }
             break;
         }
+        length += text.len() as u64;
         text.pop();
-        let unreadable = |_| JournalError::Line { line };
+        let none = || JournalError::Line { line };
+        let end = text.iter().rposition(|byte| *byte == BEFORE_CHECK);
+        let (text, found) = text.split_at(end.ok_or_else(none)?);
         if line == 1 {
-            let found: H = serde_json::from_slice(&text).map_err(unreadable)?;
-            if found != *heading {
+            let other: H = serde_json::from_slice(text).map_err(|_| none())?;
+            if other != *heading {
                 return Err(JournalError::Other);
             }
-        } else {
-            entries.push(serde_json::from_slice(&text).map_err(unreadable)?);
         }
-        length += text.len() as u64 + 1;
+        if found.get(1..) != Some(check(own, text).as_bytes()) {
+            return Err(JournalError::Changed { line });
+        }
+        if line > 1 {
+            entries.push(serde_json::from_slice(text).map_err(|_| none())?);
+        }
     }
     Ok((entries, length))
 }
@@ -277,6 +308,35 @@ mod tests {
                 matches!(error, JournalError::Stray { line: at } if at == line),
                 "{error}"
             );
+        }
+    }
+
+    #[test]
+    fn a_line_that_was_changed_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("faults.journal");
+        let shard = Shard::default();
+        let written = |campaign: &Campaign| {
+            let _ = std::fs::remove_file(&path);
+            let (mut journal, _) = Journal::open(&path, campaign, shard).unwrap();
+            journal.add(&verdict(2)).unwrap();
+            journal.add(&verdict(3)).unwrap();
+            std::fs::read_to_string(&path).unwrap()
+        };
+        let (whole, foreign) = (written(&campaign(1)), written(&campaign(2)));
+        let mut lines: Vec<&str> = whole.lines().collect();
+        lines[2] = foreign.lines().nth(2).unwrap();
+        let mixed = lines.join("\n") + "\n";
+        let edited = whole.replacen("\"flood_frames\":2", "\"flood_frames\":3", 1);
+        for (text, at) in [(edited, 2), (mixed, 3)] {
+            assert_ne!(text, whole);
+            std::fs::write(&path, &text).unwrap();
+            let error = Journal::open(&path, &campaign(1), shard).unwrap_err();
+            assert!(
+                matches!(error, JournalError::Changed { line } if line == at),
+                "{error}"
+            );
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
         }
     }
 

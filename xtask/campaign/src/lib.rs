@@ -19,6 +19,7 @@ mod report;
 pub mod rules;
 mod run;
 mod sequence;
+mod sound;
 pub mod traffic;
 
 pub use journal::{Journal, JournalError, Lines};

@@ -32,34 +32,31 @@ pub enum MergeError {
         /// The part.
         shard: Shard,
     },
-    /// A part has not the sequences that it should have.
-    #[error("{part} has {has} sequences, but part {shard} of {of} has {should}")]
-    Incomplete {
+    /// A part that cannot be what was simulated.
+    #[error("{part} contradicts itself: {what}")]
+    Contradiction {
         /// The part.
         part: String,
-        /// Its place.
-        shard: Shard,
-        /// Sequences of all parts.
-        of: u64,
-        /// What it has.
-        has: u64,
-        /// What it should have.
-        should: u64,
+        /// In what.
+        what: String,
     },
     /// Parts are missing.
-    #[error("parts are missing: {}", list(missing))]
+    #[error("parts are missing: {}", list(first, *all))]
     Missing {
-        /// They.
-        missing: Vec<Shard>,
+        /// The first of them.
+        first: Vec<Shard>,
+        /// How many.
+        all: u64,
     },
 }
 
 /// Most missing parts that a sentence names.
 const NAMED: usize = 8;
 
-fn list(shards: &[Shard]) -> String {
-    let mut names: Vec<String> = shards.iter().take(NAMED).map(Shard::to_string).collect();
-    if let Some(more) = shards.len().checked_sub(NAMED).filter(|&more| more > 0) {
+fn list(first: &[Shard], all: u64) -> String {
+    let mut names: Vec<String> = first.iter().map(Shard::to_string).collect();
+    let more = all.saturating_sub(names.len() as u64);
+    if more > 0 {
         names.push(format!("and {more} more"));
     }
     names.join(", ")
@@ -69,7 +66,7 @@ fn list(shards: &[Shard]) -> String {
 /// their names.
 ///
 /// # Errors
-/// Parts are missing or doubled, or belong to different campaigns.
+/// Parts are missing or doubled, contradict themselves, or belong to different campaigns.
 pub fn merge(parts: Vec<(String, Report)>) -> Result<Report, MergeError> {
     let Some((first, campaign, of)) = parts
         .first()
@@ -86,15 +83,8 @@ pub fn merge(parts: Vec<(String, Report)>) -> Result<Report, MergeError> {
                 what,
             });
         }
-        let should = part.shard.sequences(campaign.sequences);
-        if part.sequences != should {
-            return Err(MergeError::Incomplete {
-                part: name,
-                shard: part.shard,
-                of: campaign.sequences,
-                has: part.sequences,
-                should,
-            });
+        if let Some(what) = part.contradiction() {
+            return Err(MergeError::Contradiction { part: name, what });
         }
         let shard = part.shard;
         if let Some((one, _)) = found.get(&shard.index) {
@@ -106,10 +96,15 @@ pub fn merge(parts: Vec<(String, Report)>) -> Result<Report, MergeError> {
         }
         found.insert(shard.index, (name, part));
     }
-    let missing = (1..=of).filter(|index| !found.contains_key(index));
-    let missing: Vec<Shard> = missing.map(|index| Shard { index, of }).collect();
-    if !missing.is_empty() {
-        return Err(MergeError::Missing { missing });
+    let all = of - found.len() as u64;
+    if all > 0 {
+        // There may be more than could ever be counted.
+        let missing = (1..=of).filter(|index| !found.contains_key(index));
+        let first = missing.take(NAMED).map(|index| Shard { index, of });
+        return Err(MergeError::Missing {
+            first: first.collect(),
+            all,
+        });
     }
     let mut whole = Report::new(campaign, Shard::default());
     for (_, part) in found.into_values() {
@@ -249,10 +244,84 @@ mod tests {
         let mut all = parts(3);
         all[1].1.sequences = 5;
         let error = merge(all).unwrap_err().to_string();
-        assert_eq!(error, "part 2 has 5 sequences, but part 2/3 of 19 has 6");
+        let few = "part 2 contradicts itself: it has 5 sequences, but part 2/3 of 19 has 6";
+        assert_eq!(error, few);
 
         let many: Vec<_> = parts(19).into_iter().take(2).collect();
         let error = merge(many).unwrap_err().to_string();
         assert!(error.ends_with("8/19, and 9 more"), "{error}");
+
+        let mut one = part(Shard::default());
+        let of = 9_000_000_000_000_000_000;
+        one.shard = Shard { index: 1, of };
+        one.campaign.sequences = 1;
+        one.sequences = 1;
+        one.simulated_seconds = crate::sequence::END;
+        one.failures.clear();
+        one.causes.clear();
+        one.broken_rules.clear();
+        one.attacks = Some(Tally::default());
+        let error = merge(vec![("one".into(), one)]).unwrap_err().to_string();
+        assert!(error.ends_with("and 8999999999999999991 more"), "{error}");
+    }
+
+    /// A part is believed only if all that it says fits together.
+    #[test]
+    fn a_part_that_contradicts_itself_is_refused() {
+        type Change = fn(&mut Report);
+        let changes: [(Change, &str); 16] = [
+            (|it| it.simulated_seconds = -5.0, "simulated_seconds"),
+            (|it| it.simulated_seconds = 1e308, "simulated_seconds"),
+            (|it| it.simulated_seconds = f64::NAN, "simulated_seconds"),
+            (|it| it.campaign.sequences = u64::MAX, "sequences"),
+            (
+                |it| {
+                    it.broken_rules.insert("stop".into(), 99);
+                },
+                "broken_rules",
+            ),
+            (
+                |it| {
+                    it.broken_rules.insert("bus".into(), 2);
+                },
+                "no rule \"bus\"",
+            ),
+            (
+                |it| it.failures[0].violations[0].rule = "bus".into(),
+                "no rule \"bus\"",
+            ),
+            (
+                |it| it.failures[0].violations[0].at = -1.0,
+                "broke a rule at",
+            ),
+            (|it| it.failures[0].violations.clear(), "broke no rule"),
+            (
+                |it| it.failures.push(it.failures[0].clone()),
+                "is there twice",
+            ),
+            (|it| it.failures[0].seed = 77_777, "seed 77777 is none"),
+            (|it| it.causes.clear(), "causes"),
+            (|it| it.attacks = None, "attacks"),
+            (
+                |it| it.failures[0].story[0] = "\u{1b}[31m".into(),
+                "control characters",
+            ),
+            (
+                |it| it.attacks.as_mut().unwrap().flood_frames = u64::MAX,
+                "counts more than",
+            ),
+            (
+                |it| it.attacks.as_mut().unwrap().worst_recovery_seed = Some(1),
+                "seed 1 is none",
+            ),
+        ];
+        for (change, what) in changes {
+            let mut one = part(Shard::default());
+            change(&mut one);
+            let error = merge(vec![("one".into(), one)]).unwrap_err().to_string();
+            assert!(error.starts_with("one contradicts itself: "), "{error}");
+            assert!(error.contains(what), "{what}: {error}");
+            assert!(!error.contains('\u{1b}'), "{error}");
+        }
     }
 }

@@ -13,6 +13,13 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// Whether the sequence of this seed is one of it, of a campaign of so many that begin with the seed
+    /// `first`.
+    pub(crate) const fn has(self, first: u64, all: u64, seed: u64) -> bool {
+        let number = seed.wrapping_sub(first);
+        number < all && number % self.of == self.index - 1
+    }
+
     /// How many of `all` sequences it has.
     pub(crate) const fn sequences(self, all: u64) -> u64 {
         all / self.of + (self.index <= all % self.of) as u64

@@ -183,7 +183,7 @@ impl Report {
 }
 
 /// The failures by what broke first.
-fn causes(failures: &[Verdict]) -> Vec<Cause> {
+pub(crate) fn causes(failures: &[Verdict]) -> Vec<Cause> {
     let mut causes: BTreeMap<(Word, String), (u64, Vec<u64>)> = BTreeMap::new();
     for verdict in failures {
         let by_time = |one: &&Violation, other: &&Violation| one.at.total_cmp(&other.at);

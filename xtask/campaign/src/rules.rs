@@ -44,6 +44,13 @@ use crate::traffic::{Matrix, Misplaced, Oscillator, Sent, Traffic};
 
 pub(crate) use attacks::attacked;
 
+/// The rules that a report may name, and what it calls a fault of the simulation itself.
+pub(crate) const RULES: [&str; 14] = [
+    "stop", "master", "remote", "button", "steering", "wire", "place", "presence", "masters",
+    "reset", "silicon", "forged", "recovery", "notice",
+];
+pub(crate) const SIMULATION: &str = "simulation";
+
 /// A broken rule.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Violation {

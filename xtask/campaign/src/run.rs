@@ -56,7 +56,7 @@ pub fn replay(
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
             alone(Violation {
-                rule: "simulation".into(),
+                rule: rules::SIMULATION.into(),
                 at: 0.0,
                 what: text.unwrap_or("the simulation ended").to_owned(),
             })

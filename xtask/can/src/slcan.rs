@@ -98,6 +98,8 @@ pub enum Answer {
     Refused,
     /// Another line, such as the adapter's version.
     Other(Vec<u8>),
+    /// A line that is longer than any of the protocol.
+    TooLong,
 }
 
 /// Reads what an adapter says, byte by byte. Any bytes are accepted.
@@ -126,7 +128,7 @@ impl Decoder {
             END => {
                 let line = std::mem::take(&mut self.line);
                 if std::mem::take(&mut self.overlong) {
-                    return None;
+                    return Some(Answer::TooLong);
                 }
                 Some(answer(line))
             }
@@ -176,7 +178,7 @@ impl Adapter {
             frame: None,
         };
         match self.decoder.push(byte) {
-            None => answer(""),
+            None | Some(Answer::TooLong) => answer(""),
             Some(Answer::Frame { frame, stamp: None }) if self.open => Reaction {
                 answer: match frame.id() {
                     Id::Standard(_) => "z\r",

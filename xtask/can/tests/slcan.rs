@@ -92,7 +92,10 @@ fn what_is_no_frame_is_none() {
     }
     // A line without end does not fill the memory, and the next one is read.
     let long = "t".repeat(100_000) + "\rt1000\r";
-    assert!(matches!(slcan(long.as_bytes())[..], [Answer::Frame { .. }]));
+    assert!(matches!(
+        slcan(long.as_bytes())[..],
+        [Answer::TooLong, Answer::Frame { .. }]
+    ));
 }
 
 #[test]

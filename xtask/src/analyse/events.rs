@@ -39,7 +39,8 @@ impl Events {
             return;
         }
         self.all.push(Event {
-            at_seconds: rounded(at, 6),
+            // The first frame began before its stamp, from which times count.
+            at_seconds: rounded(at.max(0.0), 6),
             kind,
             what: what(),
         });

@@ -17,6 +17,8 @@ pub struct Summary {
     pub messages: Vec<MessageFigures>,
     /// Identifiers that no message of the network has.
     pub unknown: Vec<UnknownFigures>,
+    /// Remote frames by identifier; they count nowhere else but in the log's frames and load.
+    pub remote: Vec<RemoteFigures>,
     /// The frames against the schedule; `null` if the nodes send at once.
     pub schedule: Option<ScheduleFigures>,
     /// Changes of the vehicle's mode.
@@ -80,11 +82,9 @@ pub struct MessageFigures {
     pub message: String,
     /// Sender by the network file.
     pub sender: String,
-    /// Frames with the identifier.
+    /// Data frames with the identifier.
     pub frames: u64,
-    /// Remote frames among them.
-    pub remote_frames: u64,
-    /// Data frames among them with a length that the message does not have.
+    /// Those among them with a length that the message does not have.
     pub wrong_length: u64,
     /// Mean time between two of them; `null` for fewer than two.
     pub mean_period_ms: Option<f64>,
@@ -102,6 +102,19 @@ pub struct UnknownFigures {
     /// Whether it has 29 bits.
     pub extended: bool,
     /// Frames.
+    pub frames: u64,
+}
+
+/// Remote frames, which ask for a message. Any node may have sent them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RemoteFigures {
+    /// The identifier that they ask for.
+    pub id: u32,
+    /// Whether it has 29 bits.
+    pub extended: bool,
+    /// The message with it; `null` if the network has none.
+    pub message: Option<String>,
+    /// How many.
     pub frames: u64,
 }
 
@@ -125,7 +138,8 @@ pub struct ScheduleFigures {
     pub missed_windows: u64,
     /// Frames that began in none of their identifier's windows.
     pub frames_outside_their_window: u64,
-    /// Frames that cannot be placed: before the first reference, or too long after the last one.
+    /// Frames that cannot be placed: before two references that are as far apart as planned, or too long after the
+    /// last one.
     pub frames_without_reference: u64,
     /// The windows in order of the basic cycle; arbitrating ones only with frames.
     pub windows: Vec<WindowFigures>,

@@ -32,8 +32,8 @@ use events::Events;
 use figures::rounded;
 pub use figures::{
     Event, EventKind, FileFigures, ForeignFigures, GuidanceFigures, HistogramFigures, LogFigures,
-    MessageFigures, ModeFigures, RunFigures, ScheduleFigures, SteeringFigures, Summary,
-    UnknownFigures, WindowFigures,
+    MessageFigures, ModeFigures, RemoteFigures, RunFigures, ScheduleFigures, SteeringFigures,
+    Summary, UnknownFigures, WindowFigures,
 };
 use guidance::Guidance;
 use source::Survey;
@@ -96,7 +96,57 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     } else {
         print!("{}", text(summary));
     }
+    if let Some(hint) = hint(workspace, options, summary) {
+        eprintln!("{hint}");
+    }
     Ok(())
+}
+
+/// Share of the frames from which on it is asked whether the vehicle is the right one.
+const MOST_FRAMES: f64 = 0.5;
+
+/// Frames that are unknown, have a wrong length or are outside of their windows, as a share of all, and the same
+/// with those that have no reference, as under another basic cycle.
+fn misfits(summary: &Summary) -> (f64, f64) {
+    let unknown: u64 = summary.unknown.iter().map(|one| one.frames).sum();
+    let foreign = summary.schedule.iter().flat_map(|all| &all.foreign);
+    let outside: u64 = foreign
+        .filter(|one| one.message.is_some())
+        .map(|one| one.frames)
+        .sum();
+    let all = summary.log.frames - summary.log.remote_frames;
+    let schedule = summary.schedule.as_ref();
+    let alone = schedule.map_or(0, |all| all.frames_without_reference);
+    let share = |frames: u64| (frames as f64 / all.max(1) as f64).min(1.0);
+    let strange = unknown + outside + summary.log.wrong_length;
+    (share(strange), share(strange + alone))
+}
+
+/// What is said when most frames do not fit: which vehicle of the workspace they fit better.
+fn hint(workspace: &Workspace, options: &Analyse, summary: &Summary) -> Option<String> {
+    let (strange, own) = misfits(summary);
+    if own <= MOST_FRAMES {
+        return None;
+    }
+    let mut names = Vehicle::names(&workspace.vehicles()).unwrap_or_default();
+    names.retain(|name| *name != summary.vehicle);
+    let fits = names.into_iter().filter_map(|name| {
+        let vehicle = vehicle::find(workspace, &name).ok()?;
+        let found = analyse(&vehicle, &options.logs, options.interface.as_deref()).ok()?;
+        Some((misfits(&found).1, name))
+    });
+    let best = fits.min_by(|one, other| one.0.total_cmp(&other.0));
+    let better = best.filter(|(misfits, _)| *misfits < MOST_FRAMES * own);
+    let advice = match better {
+        Some((_, name)) => format!("{name} fits better"),
+        None if strange > MOST_FRAMES => "chooses another vehicle".to_owned(),
+        // As on a bus without a master.
+        None => return None,
+    };
+    Some(format!(
+        "note: most frames are unknown to {} or in none of its windows: --vehicle {advice}",
+        summary.vehicle
+    ))
 }
 
 /// How the names of pictures begin.
@@ -174,7 +224,7 @@ impl Input {
     ) -> Result<Self, Failure> {
         let decoder = Decoder::new(vehicle.network());
         let known = |frame: &Frame| match frame.id() {
-            Id::Standard(id) => decoder.message(id.as_raw()).is_some(),
+            Id::Standard(id) => !frame.is_remote() && decoder.message(id.as_raw()).is_some(),
             Id::Extended(_) => false,
         };
         let survey = source::survey(logs, &known, interface, display)?;
@@ -271,7 +321,9 @@ impl<'d> Analysis<'d> {
         self.end = at;
         let start = at - length;
         self.bits += u64::from(bits + INTERMISSION_BITS);
-        if let Some(timing) = &mut self.timing {
+        if let Some(timing) = &mut self.timing
+            && !frame.is_remote()
+        {
             timing.take(start, frame);
         }
         if !self.traffic.count(self.decoder, at, frame) {
@@ -402,6 +454,7 @@ impl<'d> Analysis<'d> {
             log,
             messages,
             unknown: self.traffic.unknown(self.decoder),
+            remote: self.traffic.asked(self.decoder),
             schedule: self.timing.map(|timing| timing.figures(self.decoder)),
             guidance: self.guidance.figures(&modes),
             steering: self.steering.as_ref().and_then(Steering::figures),

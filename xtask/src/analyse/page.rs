@@ -386,6 +386,11 @@ fn messages(s: &Summary) -> Markup {
         let id = identifier(one.id, one.extended);
         (true, vec![id, one.frames.to_string()])
     });
+    let remote = s.remote.iter().map(|one| {
+        let id = identifier(one.id, one.extended);
+        let message = one.message.clone().unwrap_or_else(|| "unknown".to_owned());
+        (false, vec![id, message, one.frames.to_string()])
+    });
     html! {
         (table("Messages of the network file", &columns, &rows.collect::<Vec<_>>()))
         @if !s.unknown.is_empty() {
@@ -393,6 +398,13 @@ fn messages(s: &Summary) -> Markup {
                 "Identifiers that the network file does not have",
                 &[("identifier", true), ("frames", false)],
                 &unknown.collect::<Vec<_>>(),
+            ))
+        }
+        @if !s.remote.is_empty() {
+            (table(
+                "Remote frames: the log does not tell who sent them",
+                &[("identifier", true), ("message asked for", true), ("frames", false)],
+                &remote.collect::<Vec<_>>(),
             ))
         }
     }

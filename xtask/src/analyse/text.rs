@@ -168,7 +168,16 @@ fn messages(t: &mut String, s: &Summary) -> fmt::Result {
         writeln!(t, "  unknown identifiers: {}", unknown.join(", "))?;
         more(t, s.unknown.len())?;
     }
-    Ok(())
+    for one in s.remote.iter().take(MOST) {
+        let name = one.message.as_deref().unwrap_or("unknown");
+        let id = identifier(one.id, one.extended);
+        let frames = counted(one.frames, "remote frame", "remote frames");
+        writeln!(
+            t,
+            "  {frames} for {id} {name}; the log does not tell who asked"
+        )?;
+    }
+    more(t, s.remote.len())
 }
 
 fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
@@ -191,9 +200,13 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
     }
     writeln!(
         t,
-        "  {} missed, {} outside their window, {} without a reference",
+        "  {} missed, {}, {} without a reference",
         counted(s.missed_windows, "window", "windows"),
-        counted(s.frames_outside_their_window, "frame", "frames"),
+        counted(
+            s.frames_outside_their_window,
+            "frame outside its window",
+            "frames outside their window"
+        ),
         counted(s.frames_without_reference, "frame", "frames")
     )?;
     writeln!(

@@ -4,7 +4,8 @@
 //! A basic cycle begins with the start of frame of its reference message and lasts until the next
 //! one, but at most one and a half basic cycles, as in the report of a simulated run
 //! (`world::report`). A log may have lost a reference that the nodes have heard: frames behind it are
-//! placed from where it was due. Loggers stamp the end of a frame; its start is that less its length in bits.
+//! placed from where it was due. Nothing is judged until two references are as far apart as the schedule
+//! says: what waited in a queue of the adapter is stamped when it is read. Loggers stamp the end of a frame; its start is that less its length in bits.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +19,7 @@ use super::{
     series::Spread,
 };
 use crate::network::decode::Decoder;
-use crate::network::matrix::Matrix;
+use crate::network::matrix::{Matrix, are_in_order};
 
 /// An identifier of 11 or 29 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -151,6 +152,11 @@ pub(super) struct Timing {
     cycle: Option<Cycle>,
     /// Start of the last reference.
     reference: Option<i64>,
+    /// References since the log began or was interrupted, and whether two of them were in order.
+    references_so_far: u64,
+    in_order: bool,
+    /// Basic cycles that are judged as soon as the references are in order, with their ends.
+    held: Vec<(Cycle, i64)>,
     master: Option<u16>,
     cycles: u64,
     missing: u64,
@@ -196,6 +202,9 @@ impl Timing {
             basic_cycle: i64::from(network.basic_cycle_us) * 1000,
             cycle: None,
             reference: None,
+            references_so_far: 0,
+            in_order: false,
+            held: Vec::new(),
             master: None,
             cycles: 0,
             missing: 0,
@@ -206,13 +215,11 @@ impl Timing {
         })
     }
 
-    /// Takes the next frame, which begins at `start`.
+    /// Takes the next data frame, which begins at `start`.
     pub(super) fn take(&mut self, start: i64, frame: &Frame) {
         let id = Identifier::of(frame);
         let mut references = self.references.iter();
-        if let Some(&reference) = references.find(|one| id.is(**one))
-            && !frame.is_remote()
-        {
+        if let Some(&reference) = references.find(|one| id.is(**one)) {
             self.begin(start, reference, frame);
             return;
         }
@@ -251,7 +258,10 @@ impl Timing {
 
     /// A basic cycle begins.
     fn begin(&mut self, start: i64, id: u16, frame: &Frame) {
-        if let Some(before) = self.reference {
+        self.references_so_far += 1;
+        if let Some(before) = self.reference
+            && self.order(start - before)
+        {
             let period = start - before;
             if period < longest(self.basic_cycle) {
                 self.periods.add(period as f64);
@@ -305,13 +315,46 @@ impl Timing {
         }
     }
 
-    /// Evaluates the current basic cycle, which lasts until `end` at the longest.
+    /// Whether the references are in order, of which the last two are that far apart. What came before
+    /// the first two that are is not judged.
+    fn order(&mut self, apart: i64) -> bool {
+        if self.in_order {
+            return true;
+        }
+        self.in_order = are_in_order(apart, self.basic_cycle, self.tolerance);
+        if self.in_order {
+            self.judge_held();
+        } else {
+            self.drop_held();
+            let cycle = self.cycle.take();
+            self.without_reference += cycle.map_or(0, |cycle| cycle.frames.len() as u64);
+        }
+        self.in_order
+    }
+
+    fn judge_held(&mut self) {
+        for (cycle, end) in std::mem::take(&mut self.held) {
+            self.evaluate(&cycle, end);
+        }
+    }
+
+    fn drop_held(&mut self) {
+        let held = self.held.drain(..);
+        let frames: usize = held.map(|(cycle, _)| cycle.frames.len()).sum();
+        self.without_reference += frames as u64;
+    }
+
+    /// Evaluates the current basic cycle, which lasts until `end` at the longest, unless it has to wait.
     fn close(&mut self, end: i64) {
         let Some(cycle) = self.cycle.take() else {
             return;
         };
-        self.evaluate(&cycle, end);
-        self.cycle = Some(cycle);
+        if self.in_order {
+            self.evaluate(&cycle, end);
+            self.cycle = Some(cycle);
+        } else {
+            self.held.push((cycle, end));
+        }
     }
 
     fn evaluate(&mut self, cycle: &Cycle, end: i64) {
@@ -368,6 +411,13 @@ impl Timing {
     /// The log ends at `end`, or what happened from then on is not known.
     pub(super) fn finish(&mut self, end: i64) {
         self.close(end);
+        // A single reference may be all that there is, and is believed then.
+        if self.references_so_far == 1 {
+            self.judge_held();
+        }
+        self.drop_held();
+        self.in_order = false;
+        self.references_so_far = 0;
         self.cycle = None;
         self.reference = None;
         self.note_empty(|_| true);
@@ -520,6 +570,7 @@ mod tests {
             start: ps(at),
             end: ps(at + length(frame)),
             complete: true,
+            remote: false,
         }
     }
 

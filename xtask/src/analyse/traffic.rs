@@ -6,7 +6,7 @@ use can_bus::Frame;
 use embedded_can::Id;
 
 use super::{
-    figures::{MessageFigures, UnknownFigures, rounded},
+    figures::{MessageFigures, RemoteFigures, UnknownFigures, rounded},
     series::Spread,
 };
 use crate::network::decode::Decoder;
@@ -14,7 +14,9 @@ use crate::network::decode::Decoder;
 /// Frames of one identifier.
 #[derive(Default, Clone)]
 struct Tally {
+    /// Data frames.
     frames: u64,
+    /// Remote frames. Any node may ask for a message, so they are none of its sender's.
     remote: u64,
     /// Data frames whose length is none of the message's.
     wrong_length: u64,
@@ -47,6 +49,10 @@ impl Traffic {
             }
             Id::Extended(id) => (self.extended.entry(id.as_raw()).or_default(), None),
         };
+        if frame.is_remote() {
+            tally.remote += 1;
+            return false;
+        }
         tally.frames += 1;
         if let Some(last) = tally.last
             && at >= last
@@ -54,10 +60,6 @@ impl Traffic {
             tally.periods.add((at - last) as f64 * 1e-9);
         }
         tally.last = Some(at);
-        if frame.is_remote() {
-            tally.remote += 1;
-            return false;
-        }
         let Some(known) = known else {
             return false;
         };
@@ -69,7 +71,7 @@ impl Traffic {
     /// All frames.
     pub(super) fn frames(&self) -> u64 {
         let all = self.standard.iter().chain(self.extended.values());
-        all.map(|tally| tally.frames).sum()
+        all.map(|tally| tally.frames + tally.remote).sum()
     }
 
     /// Remote frames.
@@ -90,7 +92,6 @@ impl Traffic {
                     message: known.name.clone(),
                     sender: known.sender.clone(),
                     frames: tally.frames,
-                    remote_frames: tally.remote,
                     wrong_length: tally.wrong_length,
                     mean_period_ms: ms(tally.periods.mean()),
                     least_period_ms: ms(tally.periods.least()),
@@ -111,11 +112,32 @@ impl Traffic {
                 frames: tally.frames,
             })
         });
-        let extended = self.extended.iter().map(|(id, tally)| UnknownFigures {
+        let extended = self.extended.iter().filter(|(_, tally)| tally.frames > 0);
+        let extended = extended.map(|(id, tally)| UnknownFigures {
             id: *id,
             extended: true,
             frames: tally.frames,
         });
         standard.chain(extended).collect()
+    }
+
+    /// Identifiers that remote frames asked for.
+    pub(super) fn asked(&self, decoder: &Decoder) -> Vec<RemoteFigures> {
+        let standard = self.standard.iter().enumerate().filter_map(|(id, tally)| {
+            let id = u16::try_from(id).ok()?;
+            let message = decoder.message(id).map(|known| known.name.clone());
+            Some((u32::from(id), false, message, tally.remote))
+        });
+        let extended = self.extended.iter();
+        let extended = extended.map(|(id, tally)| (*id, true, None, tally.remote));
+        let asked = standard.chain(extended).filter(|asked| asked.3 > 0);
+        asked
+            .map(|(id, extended, message, frames)| RemoteFigures {
+                id,
+                extended,
+                message,
+                frames,
+            })
+            .collect()
     }
 }

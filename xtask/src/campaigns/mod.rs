@@ -4,6 +4,7 @@ mod batch;
 
 use std::{
     fs,
+    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -126,13 +127,24 @@ pub(crate) fn show(report: &Report, json: bool) -> Result<(), Failure> {
     }
 }
 
+/// The largest part, bytes: tens of thousands of failures are no more.
+const LARGEST: u64 = 64 << 20;
+
 /// Reads the report of a part.
 fn part(path: &Path) -> Result<Report, Error> {
     let fail = |why: String| Error::NoPart {
         path: path.to_owned(),
         why,
     };
-    let text = fs::read(path).map_err(|error| fail(error.to_string()))?;
+    let unreadable = |error: std::io::Error| fail(error.to_string());
+    let file = fs::File::open(path).map_err(unreadable)?;
+    let mut text = Vec::new();
+    // A device may go on for ever.
+    let read = file.take(LARGEST + 1).read_to_end(&mut text);
+    read.map_err(unreadable)?;
+    if text.len() as u64 > LARGEST {
+        return Err(fail(format!("it is larger than {} MiB", LARGEST >> 20)));
+    }
     serde_json::from_slice(&text).map_err(|error| fail(error.to_string()))
 }
 

@@ -17,7 +17,7 @@ use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
 use super::Error;
-use crate::cli::Sim;
+use crate::{cli::Sim, interrupt};
 
 /// The report of every experiment.
 const REPORT: &str = "experiment.json";
@@ -62,6 +62,8 @@ pub(super) struct Place {
 pub(super) struct Kept<T> {
     lines: Lines,
     journal: PathBuf,
+    /// How many runs are in it.
+    count: usize,
     /// The results of runs, by their numbers.
     pub(super) earlier: BTreeMap<usize, T>,
 }
@@ -132,35 +134,44 @@ impl Place {
             program: images.is_empty().then(program).flatten(),
             images,
         };
-        if let Some(done) = &self.done {
-            let copied = fs::copy(done, &self.journal);
-            copied.map_err(|error| broken(done, JournalError::File(error)))?;
-        }
-        let opened = Lines::open::<_, Entry<T>>(&self.journal, &heading);
-        let (lines, entries) = opened.map_err(|why| {
-            // The copy of a complete experiment's runs is no unfinished one's.
-            match &self.done {
-                Some(done) => {
-                    let _ = fs::remove_file(&self.journal);
-                    broken(done, why)
-                }
-                None => broken(&self.journal, why),
+        let (lines, earlier) = self.open(&heading).map_err(|why| match &self.done {
+            Some(done) => {
+                // The copy of a complete experiment's runs is no unfinished one's.
+                let _ = fs::remove_file(&self.journal);
+                broken(done, why)
             }
+            None => broken(&self.journal, why),
         })?;
-        let mut earlier = BTreeMap::new();
-        for (line, entry) in (2..).zip(entries) {
-            if earlier.insert(entry.run, entry.result).is_some() {
-                return Err(broken(&self.journal, JournalError::Stray { line }));
-            }
-        }
         if !earlier.is_empty() {
             eprintln!("{} runs were done before.", earlier.len());
         }
-        Ok(Some(Kept {
+        let kept = Kept {
             lines,
             journal: self.journal.clone(),
+            count: earlier.len(),
             earlier,
-        }))
+        };
+        kept.say();
+        Ok(Some(kept))
+    }
+
+    /// Opens the journal, or a copy of the runs of a complete experiment as the journal, and returns the results
+    /// in it by the numbers of their runs.
+    fn open<T: DeserializeOwned>(
+        &self,
+        heading: &Heading,
+    ) -> Result<(Lines, BTreeMap<usize, T>), JournalError> {
+        if let Some(done) = &self.done {
+            fs::copy(done, &self.journal)?;
+        }
+        let (lines, entries) = Lines::open::<_, Entry<T>>(&self.journal, heading)?;
+        let mut earlier = BTreeMap::new();
+        for (line, entry) in (2..).zip(entries) {
+            if earlier.insert(entry.run, entry.result).is_some() {
+                return Err(JournalError::Stray { line });
+            }
+        }
+        Ok((lines, earlier))
     }
 
     /// Writes the files in place of the journal.
@@ -172,6 +183,7 @@ impl Place {
             self.folder.write(name, text.as_bytes())?;
         }
         let path = self.folder.finish()?;
+        interrupt::say_when_interrupted(None);
         if self.keeps {
             // A journal that stays is refused the next time, in a sentence.
             let _ = fs::rename(&self.journal, self.journal.with_file_name(DONE));
@@ -201,6 +213,18 @@ fn broken(journal: &Path, why: JournalError) -> Error {
     }
 }
 
+impl<T> Kept<T> {
+    /// Says when the experiment is interrupted what of it is kept.
+    fn say(&self) {
+        let journal = self.journal.display();
+        interrupt::say_when_interrupted(Some(match self.count {
+            0 => "no run was done yet, and --resume begins with the first".to_owned(),
+            1 => format!("1 run is kept in {journal}: --resume goes on with it"),
+            count => format!("{count} runs are kept in {journal}: --resume goes on with them"),
+        }));
+    }
+}
+
 impl<T: Serialize + DeserializeOwned + PartialEq> Kept<T> {
     /// Adds the result of a run.
     ///
@@ -213,7 +237,10 @@ impl<T: Serialize + DeserializeOwned + PartialEq> Kept<T> {
         match serde_json::from_slice::<T>(&text) {
             Ok(read) if read == *result => {
                 let entry = Entry { run, result };
-                self.lines.add(&entry).map_err(failed)
+                self.lines.add(&entry).map_err(failed)?;
+                self.count += 1;
+                self.say();
+                Ok(())
             }
             _ => Ok(()),
         }
@@ -239,6 +266,7 @@ mod tests {
         let mut kept = Kept {
             lines,
             journal: journal.clone(),
+            count: 0,
             earlier: BTreeMap::new(),
         };
         kept.add(3, &numbers).unwrap();

@@ -42,7 +42,7 @@ impl<'a> SteeringRate<'a> {
     pub fn of_frames(&self, frames: &[FrameRecord]) -> Vec<(SimTime, f64)> {
         let commands = frames
             .iter()
-            .filter(|frame| frame.id == self.message.id && frame.complete);
+            .filter(|frame| frame.id == self.message.id && frame.is_message());
         let rate = |data: &[u8]| self.signal.physical(self.signal.extract(data));
         commands
             .map(|frame| (frame.end, rate(&frame.data)))
@@ -276,6 +276,7 @@ mod tests {
     #[test]
     fn the_steering_rate_is_found_by_its_role() {
         let frame = |id, data, complete| FrameRecord {
+            remote: false,
             id,
             dlc: 8,
             data,

@@ -348,27 +348,44 @@ fn ready(
     experiment: &Experiment,
     quick: bool,
 ) -> Result<Vec<[Ready; 2]>, Failure> {
-    let mut built = BuiltImages::default();
     let mut all = Vec::new();
     for case in experiment.cases {
         let path = case.path(experiment.name);
-        let mut of = |law| -> Result<Ready, Failure> {
-            let mut ready = Ready::new(workspace, vehicle, law, &path)?;
-            if !quick {
-                ready.images = Some(built.of(workspace, &ready.vehicle)?);
-            }
-            Ok(ready)
-        };
+        let of = |law| Ready::new(workspace, vehicle, law, &path);
         all.push([of(Law::ALL[0])?, of(Law::ALL[1])?]);
+    }
+    if !quick {
+        let mut built = BuiltImages::for_all(all.iter().flatten().map(|of| &of.vehicle));
+        for of in all.iter_mut().flatten() {
+            of.images = Some(built.of(workspace, &of.vehicle)?);
+        }
     }
     Ok(all)
 }
 
 /// The images of several vehicles, those with the same values built once.
-#[derive(Default)]
-pub(crate) struct BuiltImages(Vec<(String, Overrides, Arc<Images>)>);
+pub(crate) struct BuiltImages {
+    sets: Vec<(String, Overrides, Arc<Images>)>,
+    /// How many sets there will be.
+    all: usize,
+}
 
 impl BuiltImages {
+    /// Those of these vehicles, none of which is built yet.
+    pub(crate) fn for_all<'v>(vehicles: impl Iterator<Item = &'v Vehicle>) -> Self {
+        let mut different: Vec<(&str, &Overrides)> = Vec::new();
+        for vehicle in vehicles {
+            let one = (vehicle.name(), vehicle.overrides());
+            if !different.contains(&one) {
+                different.push(one);
+            }
+        }
+        Self {
+            sets: Vec::new(),
+            all: different.len(),
+        }
+    }
+
     /// The images of this vehicle.
     ///
     /// # Errors
@@ -380,13 +397,20 @@ impl BuiltImages {
         vehicle: &Vehicle,
     ) -> Result<Arc<Images>, Failure> {
         let (name, set) = (vehicle.name(), vehicle.overrides());
-        let mut built = self.0.iter();
+        let mut built = self.sets.iter();
         if let Some((.., images)) = built.find(|(of, with, _)| of == name && with == set) {
             return Ok(Arc::clone(images));
         }
+        if self.all > 1 {
+            eprintln!(
+                "Building image set {} of {}.",
+                self.sets.len() + 1,
+                self.all
+            );
+        }
         let images = Arc::new(sim::images(workspace, vehicle)?);
         let own = Arc::clone(&images);
-        self.0.push((name.to_owned(), set.clone(), own));
+        self.sets.push((name.to_owned(), set.clone(), own));
         Ok(images)
     }
 }
@@ -563,6 +587,10 @@ pub(crate) fn run_each<'j, J: Sync, T: Send, E: Send>(
             }
         }
     };
+    if !left.is_empty() {
+        // The first run may take minutes.
+        eprintln!("{} of {} runs done.", jobs.len() - left.len(), jobs.len());
+    }
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     thread::scope(|scope| {
         for _ in 0..workers.min(left.len()) {

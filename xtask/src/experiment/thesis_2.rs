@@ -338,7 +338,7 @@ fn ready(workspace: &Workspace, options: &Sim) -> Result<Vec<Ready>, Failure> {
     if options.quick {
         return Ok(cases);
     }
-    let mut built = BuiltImages::default();
+    let mut built = BuiltImages::for_all(cases.iter().map(|of| &of.vehicle));
     for of in &mut cases {
         of.images = Some(built.of(workspace, &of.vehicle)?);
     }

@@ -110,7 +110,7 @@ pub(super) fn movements(takes: &Takes<'_>) -> Drawn {
                 title: "Steering angle and command",
                 what: "Green: the angle of the wheels, deg; orange: the commanded rate, deg/s. The angle is the integral of the \
                        command.",
-                axes: ["time, s", "deg, deg/s"],
+                axes: [super::drawn::TIME, "deg, deg/s"],
                 curves: &[(OTHER, &commands), (FURROW, &shown(angles.collect()))],
                 level: Some(0.0),
                 mark: None,

@@ -2,7 +2,7 @@
 
 use maud::Markup;
 use serde::Serialize;
-use world::report::Span;
+use world::report::{Span, rounded};
 
 use super::takes::Points;
 use crate::page::chart::{Chart, pieces, thinned};
@@ -55,6 +55,14 @@ impl Number {
         self.furrow = value.filter(|value| value.is_finite());
         self
     }
+
+    /// The same as it is printed.
+    pub(super) fn rounded(mut self) -> Self {
+        for value in [&mut self.thesis, &mut self.plain, &mut self.furrow] {
+            *value = value.map(|value| rounded(value, self.digits as i32));
+        }
+        self
+    }
 }
 
 /// A drawn figure.
@@ -93,6 +101,12 @@ pub(super) struct Curves<'c> {
     pub down: bool,
 }
 
+/// The axis of what happened over time.
+pub(super) const TIME: &str = "time since the run began, s";
+
+/// A curve that begins so early, as a share of the time that it lasts, is drawn from the begin of the run on.
+const EARLY: f64 = 0.1;
+
 /// Longest time between two points of a curve over time, s.
 const TOGETHER: f64 = 1.0;
 
@@ -101,7 +115,12 @@ impl Curves<'_> {
     pub(super) fn draw(&self) -> Markup {
         let all = || self.curves.iter().flat_map(|(_, points)| points.iter());
         let none = Span { from: 0.0, to: 1.0 };
+        let over_time = self.axes[0].starts_with("time");
         let x = Span::of(all().map(|point| point.0)).unwrap_or(none);
+        let x = match over_time && x.from > 0.0 && x.from < EARLY * x.length() {
+            true => x.with(0.0),
+            false => x,
+        };
         let y = Span::of(all().map(|point| point.1)).unwrap_or(none);
         let y = self
             .level
@@ -120,7 +139,6 @@ impl Curves<'_> {
             chart.line((at, y.from), (at, y.to), "mean");
             chart.word(Span { from: at, to: at }, y.to - y.length() * 0.04, what);
         }
-        let over_time = self.axes[0].starts_with("time");
         for (class, points) in self.curves {
             let whole = pieces(points, |one, other| over_time && other.0 - one.0 > TOGETHER);
             chart.curve(&thinned(whole), class);

@@ -91,37 +91,37 @@ const FIGURES: [Figure; 36] = {
         figure!(
             "2.22",
             "Between poles, first drive",
-            [Poles(1), PolesFurrow],
+            [Poles(1), PolesFurrow(1)],
             rows::poles_1
         ),
         figure!(
             "2.23",
             "Between poles, second drive",
-            [Poles(2), PolesFurrow],
+            [Poles(2), PolesFurrow(2)],
             rows::poles_2
         ),
         figure!(
             "2.24",
             "Between poles, third drive",
-            [Poles(3), PolesFurrow],
+            [Poles(3), PolesFurrow(3)],
             rows::poles_3
         ),
         figure!(
             "2.25",
             "In the field, first drive",
-            [Field(1), FieldFurrow],
+            [Field(1), FieldFurrow(1)],
             rows::field_1
         ),
         figure!(
             "2.26",
             "In the field, second drive",
-            [Field(2), FieldFurrow],
+            [Field(2), FieldFurrow(2)],
             rows::field_2
         ),
         figure!(
             "2.27",
             "In the field, third drive",
-            [Field(3), FieldFurrow],
+            [Field(3), FieldFurrow(3)],
             rows::field_3
         ),
         figure!(
@@ -327,7 +327,11 @@ pub fn run(workspace: &Workspace, options: &cli::Figures) -> Result<(), Failure>
     let takes = takes::make(&ready)?;
     let drawn: Vec<(&Figure, Drawn)> = chosen
         .into_iter()
-        .map(|figure| (figure, (figure.draw)(&takes)))
+        .map(|figure| {
+            let Drawn { charts, numbers } = (figure.draw)(&takes);
+            let numbers = numbers.into_iter().map(Number::rounded).collect();
+            (figure, Drawn { charts, numbers })
+        })
         .collect();
     let told = drawn.iter();
     let told = told.map(|(figure, drawn)| Told::of(figure, Some(drawn.numbers.as_slice())));

@@ -7,7 +7,7 @@ use super::{
     takes::{Points, Take, Takes},
 };
 
-const TIME: &str = "time since the start, s";
+const TIME: &str = super::drawn::TIME;
 
 /// The thesis's error: filtered distance on the right less that on the left, cm.
 fn differences(takes: &Takes<'_>, take: Take) -> Points {
@@ -266,7 +266,7 @@ pub(super) fn poles_1(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-22",
-        [Take::Poles(1), Take::PolesFurrow],
+        [Take::Poles(1), Take::PolesFurrow(1)],
         POLES,
         9.1,
     )
@@ -277,7 +277,7 @@ pub(super) fn poles_2(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-23",
-        [Take::Poles(2), Take::PolesFurrow],
+        [Take::Poles(2), Take::PolesFurrow(2)],
         POLES,
         4.0,
     )
@@ -288,7 +288,7 @@ pub(super) fn poles_3(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-24",
-        [Take::Poles(3), Take::PolesFurrow],
+        [Take::Poles(3), Take::PolesFurrow(3)],
         POLES,
         7.9,
     )
@@ -299,7 +299,7 @@ pub(super) fn field_1(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-25",
-        [Take::Field(1), Take::FieldFurrow],
+        [Take::Field(1), Take::FieldFurrow(1)],
         FIELD,
         5.8,
     )
@@ -310,7 +310,7 @@ pub(super) fn field_2(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-26",
-        [Take::Field(2), Take::FieldFurrow],
+        [Take::Field(2), Take::FieldFurrow(2)],
         FIELD,
         8.4,
     )
@@ -321,7 +321,7 @@ pub(super) fn field_3(takes: &Takes<'_>) -> Drawn {
     drive(
         takes,
         "f2-27",
-        [Take::Field(3), Take::FieldFurrow],
+        [Take::Field(3), Take::FieldFurrow(3)],
         FIELD,
         5.0,
     )

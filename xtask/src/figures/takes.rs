@@ -51,12 +51,12 @@ pub(super) enum Take {
     StepFurrow,
     /// Between poles, three seeds.
     Poles(u64),
-    /// Between poles under Furrow's law.
-    PolesFurrow,
+    /// Between poles under Furrow's law, the same seeds.
+    PolesFurrow(u64),
     /// In a field, three seeds.
     Field(u64),
-    /// In a field under Furrow's law.
-    FieldFurrow,
+    /// In a field under Furrow's law, the same seeds.
+    FieldFurrow(u64),
 }
 
 /// How a run is made.
@@ -134,14 +134,14 @@ impl Take {
                 seed,
                 POLES,
             ),
-            Self::PolesFurrow => rows("thesis-2/poles", "rover.cruise=0.8 m/s", 1, POLES),
+            Self::PolesFurrow(seed) => rows("thesis-2/poles", "rover.cruise=0.8 m/s", seed, POLES),
             Self::Field(seed) => rows(
                 "thesis-2/field",
                 "rover.law=thesis;rover.cruise=0.4 m/s",
                 seed,
                 FIELD,
             ),
-            Self::FieldFurrow => rows("thesis-2/field", "rover.cruise=0.4 m/s", 1, FIELD),
+            Self::FieldFurrow(seed) => rows("thesis-2/field", "rover.cruise=0.4 m/s", seed, FIELD),
         }
     }
 
@@ -185,22 +185,24 @@ pub(super) struct Ready {
 ///
 /// A scenario is wrong, or an image does not build.
 pub(super) fn ready(workspace: &Workspace, takes: &[Take]) -> Result<Vec<Ready>, Failure> {
-    let mut built = BuiltImages::default();
-    let mut all = Vec::new();
+    let mut chosen = Vec::new();
     for &take in takes {
         let recipe = take.recipe();
         let own = Overrides::parse(recipe.set).map_err(Failure::Usage)?;
-        let (vehicle, scenario) =
-            sim::choice::with(workspace, recipe.vehicle, recipe.scenario, &own)?;
+        let both = sim::choice::with(workspace, recipe.vehicle, recipe.scenario, &own)?;
+        chosen.push((take, both));
+    }
+    let mut built = BuiltImages::for_all(chosen.iter().map(|(_, (vehicle, _))| vehicle));
+    let ready = chosen.into_iter().map(|(take, (vehicle, scenario))| {
         let images = built.of(workspace, &vehicle)?;
-        all.push(Ready {
+        Ok(Ready {
             take,
             vehicle,
             scenario,
             images,
-        });
-    }
-    Ok(all)
+        })
+    });
+    ready.collect()
 }
 
 /// Makes the runs.
@@ -340,7 +342,7 @@ impl<'r> Takes<'r> {
         };
         let frames = finished.run().frames.iter();
         let own = frames.filter(|frame| {
-            frame.complete && frame.id == message.id && frame.dlc == message.length
+            frame.is_message() && frame.id == message.id && frame.dlc == message.length
         });
         let value = |data: &[u8]| signal.physical(signal.extract(data));
         own.map(|frame| (seconds(frame.end), value(&frame.data)))

@@ -6,7 +6,7 @@ use super::{
 };
 
 const LAWS: &str = "Blue: the law of the thesis; green: Furrow's.";
-const TIME: &str = "time of the run, s";
+const TIME: &str = super::drawn::TIME;
 
 /// The settling time of the thesis's track tests, s.
 const SETTLED: f64 = 15.0;
@@ -157,10 +157,10 @@ pub(super) fn model(takes: &Takes<'_>) -> Drawn {
         Curves {
             id,
             title,
-            what: "Blue: the model of the thesis, which has no limits, at 0.25 m/s; green: the images under the same gains at \
+            what: "Blue: the model of the thesis, which has no limits, at 0.25 m/s; orange: the images under the same gains at \
                    0.3 m/s, with a steering angle of 25 deg at most.",
             axes: [TIME, unit],
-            curves: &[(PLAIN, model), (FURROW, machine)],
+            curves: &[(PLAIN, model), (OTHER, machine)],
             level: Some(0.0),
             mark: None,
             down: false,
@@ -187,9 +187,18 @@ pub(super) fn model(takes: &Takes<'_>) -> Drawn {
             chart("f7-9-d", "Steering angle", "deg", &angle, &angles),
         ],
         numbers: vec![
-            Number::new("largest steering angle", "deg", 1)
-                .plain(Some(steepest))
-                .furrow(Some(largest(&angles))),
+            Number::new(
+                "largest steering angle in the model of the thesis",
+                "deg",
+                1,
+            )
+            .plain(Some(steepest)),
+            Number::new(
+                "largest steering angle of the images under the same gains",
+                "deg",
+                1,
+            )
+            .plain(Some(largest(&angles))),
         ],
     }
 }

@@ -1,5 +1,6 @@
 //! `monitor`: a bus against its schedule, as it happens.
 
+mod clock;
 mod watch;
 
 use std::{
@@ -10,13 +11,15 @@ use std::{
 };
 
 use can_bus::{SimTime, candump};
+use world::report::rounded;
 
 use crate::{
     Failure, Workspace,
     cli::Monitor,
     interrupt,
-    selftest::{self, Received, Slcan, TransportError},
+    selftest::{self, Received, Slcan, Transport, TransportError},
 };
+use clock::Clock;
 pub use watch::{Class, NodeState, Picture, Watch, WindowState};
 
 /// How often the picture is renewed.
@@ -84,25 +87,42 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
     let begin = transport.now();
     let end = options.seconds.map(|seconds| begin + seconds);
     let mut watch = Watch::new(&vehicle);
+    let mut clock = Clock::default();
     let mut screen = Screen::new(options.json);
     let mut next = begin + RENEWED;
+    let mut lost = None;
     interrupt::end_by_itself();
     while end.is_none_or(|end| transport.now() < end) && !interrupt::asked() {
         let soon = next.min(transport.now() + HEARD);
         let until = end.map_or(soon, |end| end.min(soon));
-        if let Some(received) = transport.receive(until).map_err(Error::from)? {
-            watch.take(received.at - begin.min(received.at), &received.frame);
-            if let Some(record) = &mut record {
-                record.add(&received)?;
+        // What was seen is printed even if the bus cannot be reached any more.
+        match transport.receive(until) {
+            Ok(Some(received)) => {
+                let at = received.at - begin.min(received.at);
+                clock.heard(at, transport.now().saturating_sub(begin));
+                watch.take(at, &received.frame);
+                lost = record
+                    .as_mut()
+                    .and_then(|record| record.add(&received).err());
             }
+            Ok(None) => {}
+            Err(error) => lost = Some(error.into()),
+        }
+        if lost.is_some() {
+            break;
         }
         if transport.now() >= next {
             next += RENEWED;
-            screen.show(&watch.picture(transport.now().saturating_sub(begin)));
+            screen.show(&picture(&watch, &clock, &*transport, begin));
         }
     }
+    let picture = picture(&watch, &clock, &*transport, begin);
     let watched = transport.now().saturating_sub(begin);
-    let picture = watch.picture(watched);
+    if picture.frames == 0
+        && let Some(error) = lost
+    {
+        return Err(error.into());
+    }
     if options.json {
         println!("{}", picture.json());
     } else {
@@ -114,7 +134,17 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
         let seconds = watched.as_secs_f64();
         return Err(Error::Silent { bus, seconds }.into());
     }
-    Ok(())
+    lost.map_or(Ok(()), |error| Err(error.into()))
+}
+
+/// What is known now. Nodes and windows are judged by the clock of the time stamps.
+fn picture(watch: &Watch, clock: &Clock, transport: &dyn Transport, begin: Duration) -> Picture {
+    let watched = transport.now().saturating_sub(begin);
+    let mut picture = watch.picture(clock.now(watched));
+    picture.watched_seconds = rounded(watched.as_secs_f64(), 3);
+    picture.pace = clock.pace().map(|pace| rounded(pace, 2));
+    picture.unreadable_lines = transport.unreadable();
+    picture
 }
 
 /// The picture on the standard error, renewed in place on a terminal, and a line in each second
@@ -163,6 +193,8 @@ struct Record {
     /// `None` until a frame comes.
     file: Option<File>,
     path: PathBuf,
+    /// Bytes of whole lines.
+    whole: u64,
 }
 
 impl Record {
@@ -170,6 +202,7 @@ impl Record {
         let record = Self {
             file: None,
             path: path.to_owned(),
+            whole: 0,
         };
         // What cannot be written is found out before the bus is opened.
         let made = File::create_new(path).and_then(|_| fs::remove_file(path));
@@ -197,9 +230,17 @@ impl Record {
                 self.file = Some(File::create_new(&self.path)?);
             }
             let line = format!("{line}\n");
-            self.file
-                .iter_mut()
-                .try_for_each(|file| file.write_all(line.as_bytes()))
+            let Some(file) = &mut self.file else {
+                return Ok(());
+            };
+            let written = file.write_all(line.as_bytes());
+            match written {
+                Ok(()) => self.whole += line.len() as u64,
+                // A file system that is full may have room for a part of it. If it cannot be taken away, the
+                // error is told all the same.
+                Err(_) => drop(file.set_len(self.whole)),
+            }
+            written
         };
         let written: std::io::Result<()> = { write }();
         written.map_err(|error| self.failed(error))

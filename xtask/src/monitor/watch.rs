@@ -12,7 +12,7 @@ use vehicle_model::Vehicle;
 use world::report::{FrameRecord, ModeChange, Window, WindowKind, rounded};
 use world::{SimTime, time::span_micros};
 
-use crate::network::matrix::Matrix;
+use crate::network::matrix::{Matrix, are_in_order};
 
 /// The last time span that classes are judged by.
 const SPAN: Duration = Duration::from_secs(1);
@@ -23,6 +23,9 @@ const BABBLE: f64 = 2.0;
 /// How far a frame of an adapter's time stamp may be from its window: adapters on USB report a frame
 /// up to some milliseconds after its end.
 const STAMPED: Duration = Duration::from_millis(4);
+
+/// From such a difference on it is told how fast the bus runs against time.
+const DRIFT: f64 = 0.05;
 
 /// How a node behaves (thesis 4.3.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -96,8 +99,13 @@ pub struct Picture {
     pub vehicle: String,
     /// How long the bus was watched, s.
     pub watched_seconds: f64,
+    /// How fast the clock of the time stamps runs against the computer's, if that is known: a simulated bus
+    /// may be slower than time. All times of frames are by the stamps.
+    pub pace: Option<f64>,
     /// Frames.
     pub frames: u64,
+    /// Lines of the adapter that say nothing in its protocol.
+    pub unreadable_lines: u64,
     /// Share of the last second in which the bus was busy, %.
     pub load_percent: f64,
     /// The mode of the vehicle, if a message told it.
@@ -108,6 +116,8 @@ pub struct Picture {
     pub messages: Vec<WindowState>,
     /// Frames with identifiers that the network does not have: identifier and number.
     pub foreign: BTreeMap<String, u64>,
+    /// Remote frames, which ask for a message: identifier and number. Who sent them is not known.
+    pub remote: BTreeMap<String, u64>,
 }
 
 /// The same time in the unit of the simulation.
@@ -141,8 +151,11 @@ pub struct Watch {
     bit_rate: f64,
     /// Start of the last reference.
     reference: Option<Duration>,
+    /// Whether two references were in order, so that windows can be judged.
+    in_order: bool,
     seen: BTreeMap<u16, Seen>,
     foreign: BTreeMap<String, u64>,
+    remote: BTreeMap<String, u64>,
     recent: Vec<Recent>,
     frames: u64,
     modes: Vec<ModeChange>,
@@ -158,8 +171,10 @@ impl Watch {
             matrix: Matrix::new(vehicle),
             bit_rate: f64::from(vehicle.network().bit_rate.max(1)),
             reference: None,
+            in_order: false,
             seen: BTreeMap::new(),
             foreign: BTreeMap::new(),
+            remote: BTreeMap::new(),
             recent: Vec::new(),
             frames: 0,
             modes: Vec::new(),
@@ -179,7 +194,10 @@ impl Watch {
             Id::Standard(id) => Some(id.as_raw()),
             Id::Extended(_) => None,
         };
-        let id = id.filter(|&id| self.matrix.windows.iter().any(|window| window.id == id));
+        // Any node may ask for a message, so a remote frame is none of its sender's.
+        let id = id.filter(|&id| {
+            !frame.is_remote() && self.matrix.windows.iter().any(|window| window.id == id)
+        });
         let mut outside = false;
         match id {
             Some(id) => {
@@ -197,7 +215,12 @@ impl Watch {
                     Id::Standard(id) => format!("0x{:03X}", id.as_raw()),
                     Id::Extended(id) => format!("0x{:08X}", id.as_raw()),
                 };
-                *self.foreign.entry(name).or_default() += 1;
+                let all = if frame.is_remote() {
+                    &mut self.remote
+                } else {
+                    &mut self.foreign
+                };
+                *all.entry(name).or_default() += 1;
             }
         }
         self.recent.push(Recent {
@@ -219,7 +242,14 @@ impl Watch {
             .clone()
             .any(|window| window.kind == WindowKind::Reference)
         {
-            self.reference = Some(start);
+            if let Some(before) = self.reference.replace(start) {
+                let nanos = |span: Duration| i64::try_from(span.as_nanos()).unwrap_or(i64::MAX);
+                let apart = nanos(start.saturating_sub(before));
+                self.in_order |= are_in_order(apart, nanos(self.cycle()), nanos(STAMPED));
+            }
+            return None;
+        }
+        if !self.in_order {
             return None;
         }
         let since = start.checked_sub(self.reference?)?.as_secs_f64() * 1e6;
@@ -248,6 +278,7 @@ impl Watch {
             start: sim_time(at),
             end: sim_time(at),
             complete: true,
+            remote: false,
         };
         let change = self.matrix.modes(&[record]).pop();
         let last = self.modes.last().map(|last| &last.mode);
@@ -258,6 +289,11 @@ impl Watch {
     /// The changes of the vehicle's mode so far.
     pub(crate) fn modes(&self) -> &[ModeChange] {
         &self.modes
+    }
+
+    /// Whether a frame of this message has come so far.
+    pub(crate) fn has_come(&self, id: u16) -> bool {
+        self.seen.contains_key(&id)
     }
 
     /// The windows of the vehicle's messages, and how long they are.
@@ -292,12 +328,15 @@ impl Watch {
         Picture {
             vehicle: self.vehicle.clone(),
             watched_seconds: rounded(now.as_secs_f64(), 3),
+            pace: None,
             frames: self.frames,
+            unreadable_lines: 0,
             load_percent: rounded(f64::from(bits) / self.bit_rate / watched * 100.0, 2),
             mode: self.modes.last().map(|last| last.mode.clone()),
             nodes: nodes.collect(),
             messages: messages.collect(),
             foreign: self.foreign.clone(),
+            remote: self.remote.clone(),
         }
     }
 
@@ -358,6 +397,16 @@ impl Picture {
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
+    /// What is to be told of the pace of the bus, if it is not that of time.
+    fn pace(&self) -> String {
+        match self.pace {
+            Some(pace) if (pace - 1.0).abs() > DRIFT => {
+                format!(", the bus runs at {pace:.1} of time")
+            }
+            _ => String::new(),
+        }
+    }
+
     /// In a line.
     #[must_use]
     pub fn line(&self) -> String {
@@ -371,10 +420,11 @@ impl Picture {
             .as_ref()
             .map_or(String::new(), |mode| format!(", {mode}"));
         format!(
-            "{:.0} s: {} frames, load {:.1} %{mode}; {}",
+            "{:.0} s: {} frames, load {:.1} %{mode}{}; {}",
             self.watched_seconds,
             self.frames,
             self.load_percent,
+            self.pace(),
             nodes.join(", ")
         )
     }
@@ -386,14 +436,15 @@ impl Picture {
         // Writing to a string cannot fail.
         let _ = writeln!(
             t,
-            "{}: {:.1} s, {} frames, load {:.1} %{}\n",
+            "{}: {:.1} s, {} frames, load {:.1} %{}{}\n",
             self.vehicle,
             self.watched_seconds,
             self.frames,
             self.load_percent,
             self.mode
                 .as_ref()
-                .map_or(String::new(), |mode| format!(", mode {mode}"))
+                .map_or(String::new(), |mode| format!(", mode {mode}")),
+            self.pace()
         );
         let _ = writeln!(
             t,
@@ -426,6 +477,13 @@ impl Picture {
         }
         for (id, frames) in &self.foreign {
             let _ = writeln!(t, "{:<20}{id:>5}  {:<12}{frames:>9}", "unknown", "-");
+        }
+        for (id, frames) in &self.remote {
+            let _ = writeln!(t, "{:<20}{id:>5}  {:<12}{frames:>9}", "remote frames", "-");
+        }
+        if self.unreadable_lines > 0 {
+            let lines = self.unreadable_lines;
+            let _ = writeln!(t, "lines of the adapter that could not be read: {lines}");
         }
         t
     }

@@ -104,7 +104,7 @@ impl Matrix {
     /// The changes of a signal with names for its values.
     fn changes(&self, frames: &[FrameRecord], signal: &ModeSignal) -> Vec<ModeChange> {
         let mut modes: Vec<ModeChange> = Vec::new();
-        for frame in frames.iter().filter(|frame| frame.complete) {
+        for frame in frames.iter().filter(|frame| frame.is_message()) {
             let Some(mode) = self.value(frame, signal) else {
                 continue;
             };
@@ -152,6 +152,18 @@ impl Matrix {
             .find(|value| i128::from(value.raw) == raw);
         Some(value.map_or_else(|| format!("mode {raw}"), |value| value.name.clone()))
     }
+}
+
+/// Share of a basic cycle by which references may be closer or further apart than planned.
+const APART: i64 = 50;
+
+/// Whether two references are as far apart as the schedule says, or a multiple of it because some are
+/// missing, ns. Frames that waited in a queue until somebody read them are stamped one directly after the
+/// other: windows cannot be judged by such references.
+pub(crate) fn are_in_order(apart: i64, basic_cycle: i64, tolerance: i64) -> bool {
+    let cycles = (apart + basic_cycle / 2) / basic_cycle.max(1);
+    let deviation = (apart - cycles * basic_cycle).abs();
+    cycles > 0 && deviation <= basic_cycle / APART + tolerance
 }
 
 /// The windows of a message.
@@ -223,6 +235,7 @@ mod tests {
     #[test]
     fn modes_are_read_from_the_commands() {
         let command = |at: u64, mode: u8, complete: bool| FrameRecord {
+            remote: false,
             id: 300,
             dlc: 8,
             data: [0, 0, 0, 0, mode, 0, 0, 0],

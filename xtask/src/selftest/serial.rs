@@ -24,10 +24,6 @@ const STAMPS_OFF: &str = "Z0\r";
 /// Time stamps count milliseconds up to this, and begin again.
 const TURN: u64 = 60_000;
 
-/// Over such a time the least delay of a frame is looked for. A longer one would leave the clocks of adapter and
-/// computer too far apart: 100 ppm are a millisecond in ten seconds.
-const DELAYS: Duration = Duration::from_secs(10);
-
 /// Says that a command is refused.
 const BEL: u8 = 7;
 
@@ -89,6 +85,19 @@ fn unopened(name: &str, error: io::Error) -> Error {
     }
 }
 
+#[cfg(unix)]
+fn is_unplugged(error: &io::Error) -> bool {
+    matches!(
+        error.raw_os_error(),
+        Some(libc::EIO | libc::ENXIO | libc::ENODEV)
+    )
+}
+
+#[cfg(not(unix))]
+fn is_unplugged(_: &io::Error) -> bool {
+    false
+}
+
 /// Whether a byte is in no line of slcan: these have letters and digits, and nothing between them.
 fn is_foreign(byte: u8) -> bool {
     !byte.is_ascii_alphanumeric() && !matches!(byte, b'\r' | b'\n' | BEL)
@@ -123,49 +132,31 @@ impl Line for Port {
     }
 }
 
-/// Puts the time stamps of an adapter on the clock of the line. A frame is read some time after its end, and
-/// this delay changes with what else the computer does; the least one of the last seconds is taken for that of all.
+/// Reads the time stamps of an adapter: the first one counts as the time at which it was read, and from there
+/// the adapter's clock goes on. The two clocks may drift apart; the bus of a simulation that is slower than
+/// time does. What matters are the times between frames.
 #[derive(Debug, Default)]
 struct Stamps {
     /// The last stamp, and when it was read.
     last: Option<(u16, Duration)>,
-    /// Time of the adapter since the first stamp, in milliseconds.
-    millis: u64,
-    /// When the present span began, and the least difference of the clocks in it and in the one before.
-    span: Option<(Duration, Duration)>,
-    before: Option<Duration>,
+    /// When that frame ended.
     at: Duration,
 }
 
 impl Stamps {
-    /// When a frame ended that was read at `read`, on the clock of the line. It is never before the last one, and
-    /// never later than it was read.
+    /// When a frame ended that was read at `read`.
     fn ended(&mut self, stamp: u16, read: Duration) -> Duration {
-        if let Some((last, then)) = self.last {
-            let since = (TURN + u64::from(stamp) - u64::from(last) % TURN) % TURN;
-            // Whole turns in which no frame came.
-            let passed = u64::try_from((read - then).as_millis()).unwrap_or(u64::MAX);
-            let turns = (passed.saturating_sub(since) + TURN / 2) / TURN;
-            self.millis += since + turns * TURN;
-        }
-        self.last = Some((stamp, read));
-        let own = Duration::from_millis(self.millis);
-        // The adapter's clock begins with the first frame, so it is behind that of the line.
-        let difference = read.saturating_sub(own);
-        let least = match self.span {
-            Some((begin, least)) if read < begin + DELAYS => {
-                let least = least.min(difference);
-                self.span = Some((begin, least));
-                least
+        self.at = match self.last {
+            Some((last, then)) => {
+                let since = (TURN + u64::from(stamp) - u64::from(last) % TURN) % TURN;
+                // Whole turns in which no frame came.
+                let passed = u64::try_from((read - then).as_millis()).unwrap_or(u64::MAX);
+                let turns = (passed.saturating_sub(since) + TURN / 2) / TURN;
+                self.at + Duration::from_millis(since + turns * TURN)
             }
-            ended => {
-                self.before = ended.map(|(_, least)| least);
-                self.span = Some((read, difference));
-                difference
-            }
+            None => read,
         };
-        let least = self.before.map_or(least, |before| before.min(least));
-        self.at = (own + least).min(read).max(self.at);
+        self.last = Some((stamp, read));
         self.at
     }
 }
@@ -182,6 +173,8 @@ pub struct Slcan<L: Line> {
     unanswered: bool,
     /// Whether an answer or a frame has come since the channel was closed.
     speaks: bool,
+    /// Lines since the channel was opened that say nothing in the protocol.
+    unreadable: u64,
 }
 
 impl<L: Line> Slcan<L> {
@@ -216,6 +209,7 @@ impl<L: Line> Slcan<L> {
             unanswered: false,
             // Until the channel is closed anything may come.
             speaks: true,
+            unreadable: 0,
         };
         // The end of any line that a former program has begun. A closed channel refuses to be
         // closed; whatever the adapter says to these does not matter.
@@ -234,6 +228,12 @@ impl<L: Line> Slcan<L> {
             }
         }
         adapter.command(slcan::OPEN, "to open the channel")?;
+        if adapter.stamps.is_some() {
+            // A frame that has waited since another program had the port is stamped with another time.
+            adapter.frames.clear();
+            adapter.stamps = Some(Stamps::default());
+        }
+        adapter.unreadable = 0;
         Ok(adapter)
     }
 
@@ -250,9 +250,12 @@ impl<L: Line> Slcan<L> {
     }
 
     fn lost(&self, error: io::Error) -> Error {
-        Error::Lost {
-            name: self.name.clone(),
-            error,
+        let name = self.name.clone();
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof | io::ErrorKind::BrokenPipe => Error::Ended(name),
+            // What a terminal says whose other end is closed, and a port whose adapter is unplugged.
+            _ if is_unplugged(&error) => Error::Ended(name),
+            _ => Error::Lost { name, error },
         }
     }
 
@@ -334,7 +337,9 @@ impl<L: Line> Slcan<L> {
                     self.frames.push_back(Received { at, frame });
                 }
                 Some(answer) => {
-                    self.speaks |= !matches!(answer, Answer::Other(_));
+                    let is_unreadable = matches!(answer, Answer::Other(_) | Answer::TooLong);
+                    self.speaks |= !is_unreadable;
+                    self.unreadable += u64::from(is_unreadable);
                     answers.push(answer);
                 }
                 None => {}
@@ -347,6 +352,10 @@ impl<L: Line> Slcan<L> {
 impl<L: Line> Transport for Slcan<L> {
     fn now(&self) -> Duration {
         self.line.now()
+    }
+
+    fn unreadable(&self) -> u64 {
+        self.unreadable
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), Error> {
@@ -462,27 +471,30 @@ mod tests {
         let (times, written) = heard(&[2, 2, 2, 95, 2, 60, 3], false);
         assert_eq!(times, [1002, 1102, 1202, 1302, 1402, 1502, 1602]);
         assert!(written.ends_with("\rC\rS5\rZ1\rO\r"), "{written:?}");
-        // What is late at first is found out by the first frame in time; the times do not go back.
+        // The first frame may be late as well: the times between frames are right.
         let (times, _) = heard(&[50, 2, 2, 80], false);
-        assert_eq!(times, [1050, 1102, 1202, 1302]);
+        assert_eq!(times, [1050, 1150, 1250, 1350]);
     }
 
     #[test]
-    fn a_clock_that_runs_away_is_followed() {
+    fn frames_that_waited_together_keep_their_distances() {
         let mut stamps = Stamps::default();
-        // 1000 ppm too slow: a minute and a half later 90 ms behind.
-        for number in 0_u64..900 {
-            let read = Duration::from_millis(100 * number + 5);
-            let stamp = (number * 100 * 999 / 1000) % TURN;
-            let at = stamps.ended(u16::try_from(stamp).unwrap(), read);
-            let behind = read - at;
-            assert!(behind <= Duration::from_millis(22), "{number}: {behind:?}");
+        let read = Duration::from_secs(2);
+        let times = [100, 105, 205].map(|stamp| stamps.ended(stamp, read));
+        let behind = times.map(|at| (at - read).as_millis());
+        assert_eq!(behind, [0, 5, 105]);
+        // A bus that runs at 0.6 of time, for two turns of the stamps.
+        let mut stamps = Stamps::default();
+        for number in 0_u64..1200 {
+            let stamp = u16::try_from(number * 100 % TURN).unwrap();
+            let at = stamps.ended(stamp, read + Duration::from_millis(number * 1000 / 6));
+            assert_eq!(at, read + Duration::from_millis(number * 100));
         }
         // After two and a half minutes of silence.
-        let read = Duration::from_millis(90_000 + 150_000);
-        let stamp = (900 * 100 * 999 / 1000 + 150_000) % TURN;
-        let at = stamps.ended(u16::try_from(stamp).unwrap(), read);
-        assert!(read - at <= Duration::from_millis(40), "{:?}", read - at);
+        let mut stamps = Stamps::default();
+        let first = stamps.ended(7, read);
+        let at = stamps.ended(30_007, read + Duration::from_secs(150));
+        assert_eq!(at - first, Duration::from_secs(150));
     }
 
     #[test]

@@ -8,7 +8,8 @@ use twin::TwinError;
 /// A frame from the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received {
-    /// When it ended, on the clock of [`Transport::now`]. An adapter reports it later.
+    /// When it ended. An adapter reports it later. The clock is that of [`Transport::now`], except that an
+    /// adapter with time stamps goes by its own one from the first frame on.
     pub at: Duration,
     /// The frame.
     pub frame: Frame,
@@ -34,6 +35,11 @@ pub trait Transport {
     /// # Errors
     /// The bus cannot be reached any more.
     fn receive(&mut self, until: Duration) -> Result<Option<Received>, Error>;
+
+    /// Lines of the adapter so far that say nothing in its protocol.
+    fn unreadable(&self) -> u64 {
+        0
+    }
 }
 
 /// Where the system lists its serial ports by name, the advice to look there.
@@ -107,6 +113,11 @@ pub enum Error {
         /// The command.
         what: &'static str,
     },
+    /// The other end is gone.
+    #[error(
+        "the bus at {0} has ended: its adapter was taken away, or the run that it belongs to is over"
+    )]
+    Ended(String),
     /// It stopped working.
     #[error("{name} failed: {error}")]
     Lost {

@@ -1,9 +1,6 @@
 //! The frames of a run, in the forms that the report and other tools read.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fmt::Write,
-};
+use std::{collections::BTreeMap, fmt::Write};
 
 use can_bus::candump::{ErrorLine, Line};
 use can_bus::{ErrorKind, Frame, NodeId, Record, RecordKind, SimDuration, SimTime};
@@ -20,8 +17,6 @@ pub(crate) struct Log {
     pub frames: Vec<FrameRecord>,
     /// Who sent each of them.
     pub senders: Vec<NodeId>,
-    /// Which of them are remote frames, by their place.
-    pub remote: BTreeSet<usize>,
     /// The error frames, in order of time: what was found first.
     pub errors: Vec<ErrorLine>,
     lines: Vec<Line>,
@@ -37,11 +32,10 @@ impl Log {
         let mut log = Self {
             frames: Vec::new(),
             senders: Vec::new(),
-            remote: BTreeSet::new(),
             errors: Vec::new(),
             lines: Vec::new(),
         };
-        let mut sent: Vec<(FrameRecord, (NodeId, bool))> = Vec::new();
+        let mut sent: Vec<(FrameRecord, NodeId)> = Vec::new();
         // Starts of frame that have not ended yet, by sender.
         let mut begun: BTreeMap<NodeId, SimTime> = BTreeMap::new();
         for record in records {
@@ -55,8 +49,7 @@ impl Log {
                 RecordKind::FrameEnd { frame, start, .. } => {
                     begun.remove(&record.node);
                     let frame_record = recorded(frame, start, record.at, true);
-                    let origin = (record.node, frame.is_remote());
-                    sent.extend(frame_record.map(|frame| (frame, origin)));
+                    sent.extend(frame_record.map(|frame| (frame, record.node)));
                     log.lines.push(Line {
                         at: record.at,
                         interface: "can0".into(),
@@ -73,22 +66,14 @@ impl Log {
                     {
                         let end = record.at + bit_time * ERROR_FRAME_BITS;
                         let frame_record = recorded(frame, start, end, false);
-                        let origin = (record.node, frame.is_remote());
-                        sent.extend(frame_record.map(|frame| (frame, origin)));
+                        sent.extend(frame_record.map(|frame| (frame, record.node)));
                     }
                 }
                 RecordKind::StateChange { .. } => {}
             }
         }
         sent.sort_by_key(|(frame, _)| frame.start);
-        let remote = sent
-            .iter()
-            .enumerate()
-            .filter(|(_, (_, (_, remote)))| *remote);
-        log.remote = remote.map(|(place, _)| place).collect();
-        let origins: Vec<(NodeId, bool)>;
-        (log.frames, origins) = sent.into_iter().unzip();
-        log.senders = origins.into_iter().map(|(node, _)| node).collect();
+        (log.frames, log.senders) = sent.into_iter().unzip();
         log
     }
 
@@ -147,6 +132,7 @@ fn recorded(frame: Frame, start: SimTime, end: SimTime, complete: bool) -> Optio
         start,
         end,
         complete,
+        remote: frame.is_remote(),
     })
 }
 

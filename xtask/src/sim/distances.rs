@@ -51,7 +51,7 @@ impl<'n> Field<'n> {
     }
 
     fn read(&self, frame: &FrameRecord) -> Option<f64> {
-        let own = frame.complete && frame.id == self.id && frame.dlc == self.length;
+        let own = frame.is_message() && frame.id == self.id && frame.dlc == self.length;
         own.then(|| self.signal.physical(self.signal.extract(&frame.data)) * self.centimetres)
     }
 }
@@ -134,6 +134,7 @@ mod tests {
             start: SimTime::from_ticks(at),
             end: SimTime::from_ticks(at + 1),
             complete: true,
+            remote: false,
         }
     }
 

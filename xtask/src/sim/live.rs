@@ -193,6 +193,10 @@ impl Pace {
 pub(crate) struct Live {
     pace: Pace,
     bridge: Option<Box<dyn Bridge>>,
+    /// How the bus is reached.
+    name: String,
+    /// Whether it was said that the simulation is behind.
+    told: bool,
     /// The sender of what other programs send.
     tester: Option<NodeId>,
     bit_rate: u32,
@@ -206,7 +210,7 @@ pub(crate) struct Live {
 }
 
 impl Live {
-    /// Opens the way to the bus, if one is wanted, and says on the standard error how it is reached.
+    /// Opens the way to the bus, if one is wanted. It answers when the run begins.
     ///
     /// # Errors
     /// It cannot be opened.
@@ -222,17 +226,18 @@ impl Live {
         if can.is_some() && speed.is_none() {
             return Err(Error::NoPace);
         }
-        let bridge = match can {
-            None => None,
+        let (bridge, name) = match can {
+            None => (None, String::new()),
             Some(can) => {
                 let (bridge, name) = bridge(can, bit_rate)?;
-                eprintln!("The virtual bus is at {name}.");
-                Some(bridge)
+                (Some(bridge), name)
             }
         };
         Ok(Self {
             pace: Pace::new(speed),
             bridge,
+            name,
+            told: false,
             tester: None,
             bit_rate,
             passed: 0,
@@ -240,6 +245,24 @@ impl Live {
             watched,
             view: None,
         })
+    }
+
+    /// Says on the standard error where the bus is, from now on.
+    pub(crate) fn announce(&self) {
+        if self.bridge.is_some() {
+            eprintln!("The virtual bus is at {}.", self.name);
+        }
+    }
+
+    /// How far the simulation has fallen behind, the first time that it has. Where the run is shown the pace is,
+    /// too.
+    pub(crate) fn falls_behind(&mut self) -> Option<Duration> {
+        if self.told || self.is_shown() {
+            return None;
+        }
+        let late = self.late();
+        self.told = late.is_some();
+        late
     }
 
     /// Begins to show the run, if somebody looks at it.

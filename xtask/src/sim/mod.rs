@@ -581,6 +581,13 @@ impl Progress {
                 display.end();
                 return Ok(Some(twin.now()));
             }
+            if let Some(late) = live.as_mut().and_then(|live| live.falls_behind()) {
+                display.end();
+                eprintln!(
+                    "note: the simulation is {} ms behind the time, so what others send comes late",
+                    late.as_millis()
+                );
+            }
             if let Some(agreement) = &mut agreement {
                 agreement.compare(twin);
             }
@@ -640,6 +647,7 @@ fn finish<'s>(
     let start = Instant::now();
     let mut recorder = Recorder::new(&mut twin, images, record_tasks);
     if let Some(live) = &mut live {
+        live.announce();
         live.show(Subject::new(vehicle, scenario, seed, end))
             .map_err(Error::from)?;
     }

@@ -98,7 +98,7 @@ fn unmoved(run: &Run, summary: &Summary) -> Option<String> {
 fn faults(matrix: &Matrix, run: &Run) -> Vec<String> {
     let mut told: Vec<(u16, String)> = Vec::new();
     let mut sentences = Vec::new();
-    for frame in run.frames.iter().filter(|frame| frame.complete) {
+    for frame in run.frames.iter().filter(|frame| frame.is_message()) {
         let Some(fault) = matrix
             .named(frame, FAULT.0)
             .filter(|fault| fault != FAULT.1)

@@ -680,6 +680,7 @@ mod tests {
             due: report::Due::Always,
         };
         let frame = |id, start| report::FrameRecord {
+            remote: false,
             id,
             dlc: 0,
             data: [0; 8],
@@ -760,7 +761,7 @@ mod tests {
         let names = vehicle::names(&workspace).unwrap();
         let commands = on_target(&workspace, &names, "clippy", &DENIED).unwrap();
         let (boards, switched_on) = commands.split_at(Sled::ALL.len());
-        let [rows, guardian] = switched_on else {
+        let [rows, guardian, ..] = switched_on else {
             panic!("{switched_on:?}");
         };
         let line = typed(rows);

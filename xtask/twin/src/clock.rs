@@ -16,6 +16,7 @@ pub(crate) struct LocalClock {
     origin_cycle: Cycles,
     origin: Ps,
     hertz: u64,
+    fastest: u64,
     ppb: i64,
 }
 
@@ -26,6 +27,7 @@ impl LocalClock {
             origin_cycle: 0,
             origin,
             hertz,
+            fastest: hertz,
             ppb,
         }
     }
@@ -65,11 +67,17 @@ impl LocalClock {
         self.origin = self.time(cycle);
         self.origin_cycle = cycle;
         self.hertz = hertz;
+        self.fastest = self.fastest.max(hertz);
         self.ppb = ppb;
     }
 
     pub(crate) fn hertz(&self) -> u64 {
         self.hertz
+    }
+
+    /// The highest rate so far.
+    pub(crate) fn fastest(&self) -> u64 {
+        self.fastest
     }
 
     pub(crate) fn ppb(&self) -> i64 {
@@ -96,6 +104,9 @@ mod tests {
         assert_eq!(clock.time(16_000), 1_000_000_000);
         assert_eq!(clock.time(16_000 + 180_000), 2_000_000_000);
         assert_eq!(clock.cycle_from(2_000_000_000), 16_000 + 180_000);
+        // In reset it falls back; the tasks ran at the rate before.
+        clock.set_rate(200_000, 16_000_000, 0);
+        assert_eq!((clock.hertz(), clock.fastest()), (16_000_000, 180_000_000));
     }
 
     proptest! {

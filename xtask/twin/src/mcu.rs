@@ -389,6 +389,13 @@ impl Mcu {
         lock(&self.shared.peripherals).clock().hertz()
     }
 
+    /// The highest rate that the core clock has had, Hz: that of a node in operation. One that is starting,
+    /// or is held in reset, has a slower one.
+    #[must_use]
+    pub fn operating_hz(&self) -> u64 {
+        lock(&self.shared.peripherals).clock().fastest()
+    }
+
     /// Runs until `until` and past it by at most one instruction. Returns earlier if the program
     /// wrote to the CAN controller and the horizon of this node has thereby moved to an earlier
     /// time, or where [`Mcu::stop_at`] stops it. Then [`Mcu::stopped`] says so, and the next call goes on to the

@@ -785,7 +785,7 @@ impl Twin {
                 node,
                 name: self.name(node).to_owned(),
                 id: mcu.node(),
-                core_hz: mcu.core_hz(),
+                core_hz: mcu.operating_hz(),
                 load: mcu.load(),
                 console: self.console(node).to_vec(),
                 console_times: self.nodes[node.0].console_times.clone(),
@@ -823,7 +823,7 @@ pub struct NodeOutcome {
     pub name: String,
     /// Its number on the bus, which the records use.
     pub id: Option<NodeId>,
-    /// Rate of its core clock at the end, Hz.
+    /// Rate of its core clock in operation, Hz. At the end it may be in reset, with a slower one.
     pub core_hz: u64,
     /// How its cycles were spent, per task.
     pub load: Load,

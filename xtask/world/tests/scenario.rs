@@ -110,6 +110,7 @@ fn every_mistake_has_its_sentence() {
             "[line]\nfrom = { north = \"1 m\", east = \"1 m\" }",
         ),
         ("a value without a key", "set = [\"thesis\"]"),
+        ("an empty value", "set = [\"\"]"),
         (
             "a key twice",
             "set = [\"machine.cruise=1\", \"machine.cruise=2\"]",
@@ -174,7 +175,8 @@ fn names_and_files_that_are_not_there() {
             .unwrap_err()
             .to_string()
     };
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight" of vehicle "uagv": name one of babbler, calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("one-metre-off"), @r#"there is no scenario "one-metre-off" of vehicle "uagv": name one of thesis-7/one-metre-off, thesis-machine/one-metre-off, babbler, calibration, canopy, five-metres-off, gps-lost, master-dead, mission, straight-line or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight" of vehicle "uagv": name one of babbler, calibration, canopy, five-metres-off, gps-lost, master-dead, mission, straight-line or the path of a TOML file"#);
     // It may be another vehicle's.
     let poles = sentence("poles");
     assert!(

@@ -40,6 +40,11 @@ impl Until {
                 let known = Matrix::new(vehicle).mode_names();
                 if known.iter().any(|mode| mode == name) {
                     Ok(Self::Mode(name.to_owned()))
+                } else if known.is_empty() {
+                    Err(format!(
+                        "vehicle {} has no modes: \"12.5 s\", frame:0x12C, frame:MESSAGE or reset:NODE is accepted",
+                        vehicle.name()
+                    ))
                 } else {
                     Err(format!(
                         "vehicle {} has no mode {name}, but {}",
@@ -191,5 +196,11 @@ mod tests {
             let error = read(text).unwrap_err();
             assert!(error.contains(part), "{error}");
         }
+        let bench = crate::vehicle::find(&workspace, "two-boards").unwrap();
+        let error = Until::parse("mode:Idle", &bench).unwrap_err();
+        assert!(
+            error.starts_with("vehicle two-boards has no modes: "),
+            "{error}"
+        );
     }
 }

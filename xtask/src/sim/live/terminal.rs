@@ -44,12 +44,13 @@ impl Terminal {
         }
         let (end, other, path) = pair().map_err(Error::Terminal)?;
         if let Some(link) = link {
-            let linked = symlink(way(&other, &path), link);
+            let target = way(&other, &path);
+            let linked = symlink(&target, link);
             linked.map_err(|error| Error::Link {
                 link: link.into(),
                 error,
             })?;
-            interrupt::remove_when_interrupted(link);
+            interrupt::remove_when_interrupted(link, &target);
         }
         let name = link.map_or_else(|| path.clone(), |link| link.display().to_string());
         Ok(Self {
@@ -143,9 +144,7 @@ impl Bridge for Terminal {
 impl Drop for Terminal {
     fn drop(&mut self) {
         if let Some(link) = &self.link {
-            interrupt::keep(link);
-            // A link that stays leads nowhere, and the next run replaces it.
-            let _ = fs::remove_file(link);
+            interrupt::remove_link(link);
         }
     }
 }

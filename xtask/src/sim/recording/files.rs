@@ -130,7 +130,12 @@ pub(crate) fn states(finished: &Finished<'_>) -> Option<Table> {
     let decoder = Decoder::new(vehicle.network());
     let mut guidance = Guidance::new(vehicle, &decoder);
     guidance.line = finished.scenario.line;
-    for frame in finished.log.frames.iter().filter(|frame| frame.complete) {
+    for frame in finished
+        .log
+        .frames
+        .iter()
+        .filter(|frame| frame.is_message())
+    {
         let known = decoder.message(frame.id);
         if known.is_some_and(|message| message.accepts(usize::from(frame.dlc))) {
             guidance.take(seconds(frame.end), frame.id, &frame.data);

@@ -192,8 +192,7 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
         ],
     ));
     for (index, frame) in finished.log.frames.iter().enumerate() {
-        let remote = finished.log.remote.contains(&index);
-        let bytes = if remote { 0 } else { frame.dlc };
+        let bytes = if frame.remote { 0 } else { frame.dlc };
         let data = frame.data.iter().take(usize::from(bytes));
         let data: String = data.map(|byte| format!("{byte:02X}")).collect();
         let micros = (frame.end - frame.start).as_ticks() as f64 / 1e6;
@@ -202,7 +201,7 @@ fn bus(tracks: &mut Tracks, finished: &Finished<'_>) {
             "message": finished.matrix.message(frame.id).unwrap_or_default(),
             "sender": finished.sender(index),
             "data": data,
-            "remote": remote,
+            "remote": frame.remote,
             "dlc": frame.dlc,
             "start": seconds(frame.start),
             "duration": micros,
@@ -245,8 +244,8 @@ fn signals(tracks: &mut Tracks, finished: &Finished<'_>) {
         });
         channels.insert(message.id, channel);
     }
-    for (index, frame) in finished.log.frames.iter().enumerate() {
-        if !frame.complete || finished.log.remote.contains(&index) {
+    for frame in &finished.log.frames {
+        if !frame.is_message() {
             continue;
         }
         let known = decoder.message(frame.id);

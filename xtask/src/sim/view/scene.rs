@@ -149,7 +149,8 @@ impl Scene {
             rover: None,
             crop: None,
         };
-        (last_cycle(&run), log.errors.len())
+        let came = |window: &world::report::Window| self.subject.watch.has_come(window.id);
+        (last_cycle(&run, &came), log.errors.len())
     }
 
     /// The windows that [`Scene::cycle`] counts.

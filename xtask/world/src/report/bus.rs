@@ -35,7 +35,7 @@ fn cycles<'a>(run: &Run<'a>) -> Vec<Cycle<'a>> {
         .frames
         .iter()
         .enumerate()
-        .filter(|(_, frame)| frame.complete && reference_ids.contains(&frame.id))
+        .filter(|(_, frame)| frame.is_message() && reference_ids.contains(&frame.id))
         .map(|(i, _)| i)
         .collect();
     begins
@@ -78,8 +78,13 @@ impl Cycle<'_> {
 
     /// When the complete frames in a window start, microseconds after its begin.
     fn starts(&self, window: &Window) -> impl Iterator<Item = f64> {
-        let complete = self.frames.iter().filter(|frame| frame.complete);
-        complete.filter_map(|frame| self.start_in(window, frame))
+        let messages = self.frames.iter().filter(|frame| frame.is_message());
+        messages.filter_map(|frame| self.start_in(window, frame))
+    }
+
+    /// Whether a window has been missed: it stayed empty although its message was due and had come before.
+    fn misses(&self, window: &Window, came_before: bool) -> bool {
+        came_before && self.expects(window) && self.starts(window).next().is_none()
     }
 
     /// Whether a window's message is due, and the basic cycle did not end before.
@@ -100,8 +105,8 @@ impl Cycle<'_> {
         }
     }
 
-    /// What a window has brought.
-    fn content(&self, window: &Window) -> WindowContent {
+    /// What a window has brought. `came_before` says whether its message had come in a former cycle.
+    fn content(&self, window: &Window, came_before: bool) -> WindowContent {
         let destroyed = || {
             let mut frames = self.frames.iter().filter(|frame| !frame.complete);
             frames.any(|frame| self.start_in(window, frame).is_some())
@@ -110,7 +115,7 @@ impl Cycle<'_> {
             _ if window.kind == WindowKind::Reference => WindowContent::Frame(0.0),
             Some(start) => WindowContent::Frame(start),
             None if destroyed() => WindowContent::Destroyed,
-            None if self.expects(window) => WindowContent::Missed,
+            None if self.misses(window, came_before) => WindowContent::Missed,
             None => WindowContent::Empty,
         }
     }
@@ -123,7 +128,7 @@ impl Cycle<'_> {
         };
         let ids = |id: u16| exclusive.iter().any(|window| window.id == id);
         let frames = self.frames.iter();
-        let mine = frames.filter(|frame| frame.complete && ids(frame.id));
+        let mine = frames.filter(|frame| frame.is_message() && ids(frame.id));
         mine.filter(|frame| !placed(frame)).count()
     }
 }
@@ -138,12 +143,8 @@ struct Tally {
 fn tally(window: &Window, cycles: &[Cycle]) -> Tally {
     let mut tally = Tally::default();
     for cycle in cycles.iter().filter(|cycle| cycle.has(window)) {
-        let before = tally.starts.len();
+        tally.missed += u64::from(cycle.misses(window, !tally.starts.is_empty()));
         tally.starts.extend(cycle.starts(window));
-        let seen = tally.starts.len() > before;
-        if cycle.expects(window) && !seen && !tally.starts.is_empty() {
-            tally.missed += 1;
-        }
     }
     tally
 }
@@ -155,7 +156,7 @@ pub enum WindowContent {
     Frame(f64),
     /// A destroyed frame.
     Destroyed,
-    /// Nothing, although the message was due.
+    /// Nothing, although the message was due and had come before.
     Missed,
     /// Nothing, which is as it should be.
     Empty,
@@ -172,9 +173,10 @@ pub struct LastCycle {
     pub windows: Vec<(usize, WindowContent)>,
 }
 
-/// The last basic cycle of a run that is over; `None` without a reference.
+/// The last basic cycle of a run that is over; `None` without a reference. The run may be a part of another one:
+/// `came` says whether the message of a window had come in it before.
 #[must_use]
-pub fn last_cycle(run: &Run) -> Option<LastCycle> {
+pub fn last_cycle(run: &Run, came: &dyn Fn(&Window) -> bool) -> Option<LastCycle> {
     let cycles = cycles(run);
     let cycle = cycles
         .iter()
@@ -183,7 +185,7 @@ pub fn last_cycle(run: &Run) -> Option<LastCycle> {
     let windows = run.windows.iter().enumerate();
     let mut windows: Vec<_> = windows
         .filter(|(_, window)| cycle.comes_with(window))
-        .map(|(place, window)| (place, cycle.content(window)))
+        .map(|(place, window)| (place, cycle.content(window, came(window))))
         .collect();
     windows.sort_by_key(|&(place, _)| run.windows[place].start);
     Some(LastCycle {
@@ -248,10 +250,10 @@ pub(super) fn figures(run: &Run) -> BusFigures {
     let in_cycles: u64 = cycles
         .iter()
         .flat_map(|cycle| cycle.frames)
-        .filter(|frame| frame.complete && is_exclusive(run, frame.id))
+        .filter(|frame| frame.is_message() && is_exclusive(run, frame.id))
         .count() as u64;
     let all = complete()
-        .filter(|frame| is_exclusive(run, frame.id))
+        .filter(|frame| !frame.remote && is_exclusive(run, frame.id))
         .count() as u64;
     outside += all - in_cycles;
 
@@ -284,7 +286,7 @@ pub(super) fn figures(run: &Run) -> BusFigures {
 
 fn frames_per_id(run: &Run) -> Vec<IdFigures> {
     let mut counts = BTreeMap::<u16, u64>::new();
-    for frame in run.frames.iter().filter(|frame| frame.complete) {
+    for frame in run.frames.iter().filter(|frame| frame.is_message()) {
         *counts.entry(frame.id).or_default() += 1;
     }
     let message = |id: u16| {
@@ -368,7 +370,7 @@ fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
     };
     let seen = |cycle: &&Cycle| {
         let mut frames = cycle.frames.iter();
-        frames.any(|frame| frame.complete && frame.id == window.id)
+        frames.any(|frame| frame.is_message() && frame.id == window.id)
     };
     match window.due {
         Due::Always => cycles

@@ -148,7 +148,7 @@ fn frames<'r>(
     let end = until.map_or_else(|| at(run.duration), instant);
     run.frames
         .iter()
-        .filter(move |frame| frame.complete && Some(frame.id) == id)
+        .filter(move |frame| frame.is_message() && Some(frame.id) == id)
         .filter(move |frame| (begin..=end).contains(&frame.start))
 }
 

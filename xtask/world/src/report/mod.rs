@@ -89,7 +89,7 @@ impl Run<'_> {
             self.windows.iter().any(is_reference)
         };
         let frames = self.frames.iter();
-        frames.filter(move |frame| frame.complete && of(frame.id))
+        frames.filter(move |frame| frame.is_message() && of(frame.id))
     }
 }
 
@@ -108,6 +108,17 @@ pub struct FrameRecord {
     pub end: SimTime,
     /// True if every receiver accepted it; false if it ended in an error frame.
     pub complete: bool,
+    /// True if it only asks for a message. Any node may do so: it is no frame of the message's sender, and
+    /// carries no data.
+    pub remote: bool,
+}
+
+impl FrameRecord {
+    /// Whether it brought its message to every receiver.
+    #[must_use]
+    pub fn is_message(&self) -> bool {
+        self.complete && !self.remote
+    }
 }
 
 /// When the message of a window is expected in it.

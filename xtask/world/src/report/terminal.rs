@@ -258,8 +258,14 @@ fn write_bus(t: &mut String, bus: &BusFigures) -> core::fmt::Result {
     )?;
     writeln!(
         t,
-        "  {} missed windows, {} frames outside their window, {} foreign frames",
-        bus.missed_windows, bus.frames_outside_their_window, bus.foreign_frames
+        "  {}, {}, {}",
+        counted(bus.missed_windows, "missed window", "missed windows"),
+        counted(
+            bus.frames_outside_their_window,
+            "frame outside its window",
+            "frames outside their window"
+        ),
+        counted(bus.foreign_frames, "foreign frame", "foreign frames")
     )?;
     if let Some(time) = &bus.global_time {
         writeln!(
@@ -376,6 +382,14 @@ fn thesis(node: &str, task: &str) -> &'static str {
         ("controller", "control") => "   (thesis: 8 us)",
         ("controller", "display_tick") => "   (thesis: 400 us)",
         _ => "",
+    }
+}
+
+/// A number with the thing that it counts.
+fn counted(count: u64, one: &str, many: &str) -> String {
+    match count {
+        1 => format!("1 {one}"),
+        count => format!("{count} {many}"),
     }
 }
 

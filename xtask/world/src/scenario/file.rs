@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
-use vehicle_model::{Device, NodeIndex, Overrides, Vehicle};
+use vehicle_model::{Device, NodeIndex, Override, Overrides, Vehicle};
 
 use super::rover::{self, DistanceFault};
 use super::{
@@ -16,6 +16,14 @@ use crate::receiver::{self, FixChange, StreamFault};
 use crate::rover::Terrain;
 use crate::units::{Ratio, Time, Voltage};
 use crate::vehicle;
+
+/// The values that a scenario puts in place of the manifest's, each as `--set` takes it.
+fn overrides(set: &[String]) -> Result<Overrides, String> {
+    let all = set
+        .iter()
+        .map(|one| Override::parse(one).map_err(|error| format!("{one:?}: {error}")));
+    Overrides::each_once(all.collect::<Result<Vec<_>, _>>()?)
+}
 
 /// The tables and fields of a file.
 #[derive(Deserialize)]
@@ -237,7 +245,7 @@ impl File {
         Ok(Scenario {
             name: name.into(),
             summary: self.summary,
-            set: Overrides::parse(&self.set.join(";")).map_err(|error| format!("set: {error}"))?,
+            set: overrides(&self.set).map_err(|error| format!("set: {error}"))?,
             duration: self.duration,
             start: start(vehicle, line.as_ref(), self.start)?,
             line,

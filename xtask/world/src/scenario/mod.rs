@@ -307,6 +307,17 @@ fn contents(folder: &Path) -> (Vec<String>, Vec<String>) {
     (files, folders)
 }
 
+/// Names to choose from instead of a name that the vehicle does not have: its scenarios that are in no folder, and
+/// those of that name in folders.
+fn beside(vehicle: &Vehicle, name: &str) -> Vec<String> {
+    let in_folder = format!("/{name}");
+    let mut all = names(vehicle);
+    all.retain(|one| !one.contains('/') || one.ends_with(&in_folder));
+    // What was probably meant comes first.
+    all.sort_by_key(|one| !one.contains('/'));
+    all
+}
+
 /// Names of the vehicle's scenarios, in alphabetical order, those in folders behind the others.
 fn names(vehicle: &Vehicle) -> Vec<String> {
     let all = folder(vehicle);
@@ -357,7 +368,7 @@ impl Scenario {
             return Err(ScenarioError::unknown(
                 name,
                 vehicle.name(),
-                &contents(&folder(vehicle)).0,
+                &beside(vehicle, name),
                 &others(vehicle, name),
             ));
         }

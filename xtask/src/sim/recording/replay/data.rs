@@ -119,16 +119,14 @@ fn frames(finished: &Finished<'_>, columns: &mut Columns) {
         .map(|frame| (frame.end - frame.start).as_ticks() / TENTH);
     columns.numbers("span", spans);
     columns.numbers("id", frames.iter().map(|frame| u64::from(frame.id)));
-    let remote = |index: usize| finished.log.remote.contains(&index);
-    let length =
-        |index: usize, frame: &FrameRecord| if remote(index) { 0 } else { frame.dlc.min(8) };
-    let flags = frames.iter().enumerate().map(|(index, frame)| {
-        length(index, frame) | u8::from(remote(index)) << 6 | u8::from(frame.complete) << 7
-    });
+    let length = |frame: &FrameRecord| if frame.remote { 0 } else { frame.dlc.min(8) };
+    let flags = frames
+        .iter()
+        .map(|frame| length(frame) | u8::from(frame.remote) << 6 | u8::from(frame.complete) << 7);
     columns.raw("flags", flags);
     columns.raw("sender", (0..frames.len()).map(sender));
-    let data = frames.iter().enumerate().flat_map(|(index, frame)| {
-        let length = usize::from(length(index, frame));
+    let data = frames.iter().flat_map(|frame| {
+        let length = usize::from(length(frame));
         frame.data.into_iter().take(length)
     });
     columns.raw("data", data);
