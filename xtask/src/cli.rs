@@ -676,6 +676,10 @@ pub struct Figures {
 
 /// What `mission` does.
 #[derive(Debug, Subcommand)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission new --from field.geojson --width 3 --section 1 --picture field.svg --out field.toml\n  \
+    cargo xtask mission check field.toml\n  \
+    cargo xtask sim --mission field.toml --seconds 420    drive it with the release images")]
 pub enum Mission {
     /// Make a mission file from a field's boundary, from guidance lines, or from the vehicle's waypoints
     New(NewMission),

@@ -757,7 +757,7 @@ fn the_node_of_the_rows_is_there_only_while_they_may_guide() {
     let off = uagv_with("").unwrap();
     assert_eq!(names(&off), ["gps", "controller", "steering", "drive"]);
     assert!(off.network().message(207).is_none());
-    assert!(off.network_supplement().is_none() && off.task_supplements().is_empty());
+    assert!(off.network_supplements().is_empty() && off.task_supplements().is_empty());
     assert_eq!(off.node_of(Device::DistanceSensors), None);
     let on = uagv_with("row_guidance.enabled=true").unwrap();
     assert_eq!(names(&on).last().map(String::as_str), Some("rows"));

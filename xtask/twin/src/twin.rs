@@ -216,6 +216,23 @@ fn secret(seed: u64) -> Vec<u8> {
     record.into_iter().flat_map(u32::to_le_bytes).collect()
 }
 
+/// The flash of a node: its image, what is written beside it, and its key with the key's place.
+fn flashed(
+    part: &'static Part,
+    images: &Images,
+    node: NodeIndex,
+    key: Option<(u32, Vec<u8>)>,
+) -> Result<Image, ImageError> {
+    let mut image = Image::from_elf(part, images.of(node))?;
+    for (address, bytes) in images.data(node) {
+        image.program(address, bytes)?;
+    }
+    if let Some((place, record)) = key {
+        image.program(place, &record)?;
+    }
+    Ok(image)
+}
+
 impl Twin {
     /// Builds the vehicle at time zero.
     ///
@@ -264,14 +281,10 @@ impl Twin {
                 node: name.clone(),
                 error,
             };
-            let mut image = Image::from_elf(part, images.of(index)).map_err(unfit)?;
-            for (address, bytes) in images.data(index) {
-                image.program(address, bytes).map_err(unfit)?;
-            }
-            if scenario.key {
-                let place = wiring.sled().secret.base;
-                image.program(place, &secret(seed)).map_err(unfit)?;
-            }
+            let key = scenario
+                .key
+                .then(|| (wiring.sled().secret.base, secret(seed)));
+            let image = flashed(part, images, index, key).map_err(unfit)?;
             let external = world.external_clock(index);
             let board = Board {
                 external_clock: external.then_some(wiring.sled().external_hz),

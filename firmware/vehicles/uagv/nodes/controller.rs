@@ -54,7 +54,7 @@ mod app {
     use uagv::design::{CONTROL_RELEASE, REMOTE};
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
-    #[cfg(mission)]
+    // RTIC names the type of a resource even where it is switched off.
     use uagv::mission;
     use uagv::wire::{self, Record};
     use uagv::{Link, Pilot, Stack, guide, identity, peers};

@@ -34,6 +34,9 @@ pub mod guarded {
 pub mod guide;
 #[cfg(mission)]
 pub mod mission;
+#[cfg(not(mission))]
+#[path = "no_mission.rs"]
+pub mod mission;
 pub mod peers;
 #[cfg(planner)]
 pub mod planner;
