@@ -163,7 +163,7 @@ impl NodeModel {
     ) -> Result<Self, ModelError> {
         let bus = Bus::new(network, name, table.board.transmit_lead)
             .with_errors(errors)
-            .with_priorities_apart(apart(app, table));
+            .with_priorities_apart(apart(&present(app, table), table));
         Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
         })
@@ -260,6 +260,7 @@ impl NodeModel {
             node: name.to_owned(),
             fault,
         };
+        let app = &present(app, table);
         let declared = declared(app, table).map_err(wrong)?;
         let is_declared = |task: &str| declared.iter().any(|(name, ..)| *name == task);
         if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
@@ -347,6 +348,14 @@ fn declared<'a>(
         declared.push((handler, handler, priority));
     }
     Ok(declared)
+}
+
+/// The application without the tasks with `#[cfg]` that the table does not have. One that the image has all the same is
+/// found as a handler that is no task.
+fn present(app: &App, table: &NodeTable) -> App {
+    let mut app = app.clone();
+    app.keep_present(|task| table.task.contains_key(&task.name));
+    app
 }
 
 /// Whether the tasks that are released by the ends of own frames and by the window timer have different

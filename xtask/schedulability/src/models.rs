@@ -180,10 +180,8 @@ impl Models {
                 node: node.to_owned(),
             })?;
             let source_name = name(source);
-            let mut app = App::parse(&source_name, &read(source, &source_name)?)?;
+            let app = App::parse(&source_name, &read(source, &source_name)?)?;
             let on_board = of_node.on(board);
-            // One that the image has all the same is found as a handler that is no task.
-            app.keep_present(|task| on_board.task.contains_key(&task.name));
             let mut model = if event_triggered {
                 NodeModel::event_triggered(node, &app, &on_board, &traffic, &file)?
             } else {

@@ -259,9 +259,10 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         }
     }
     let uagv = vehicle::find(workspace, vehicle::DEFAULT)?;
-    if options.long && has_planner(&uagv) {
-        let work = Work::SwitchedOn(uagv.name().to_owned(), vec![PLANNER]);
-        steps.push(Step::new("planner, uagv", work));
+    if options.long {
+        // All at once: the control step has the most to do then.
+        let work = Work::SwitchedOn(uagv.name().to_owned(), additions(&uagv));
+        steps.push(Step::new("planner and missions, uagv", work));
     }
     steps.extend([
         Step::new(
@@ -393,9 +394,9 @@ fn switched_on(
         // The node that the value adds is the last one.
         commands.extend(with_node(workspace, &on, on.nodes().last(), command, rest)?);
     }
-    if has_planner(vehicle) {
-        // It adds no node: the one that the operator commands obeys it.
-        let on = with_values(workspace, vehicle.name(), &[PLANNER])?;
+    for set in additions(vehicle) {
+        // It adds no node: the one that the operator commands has it.
+        let on = with_values(workspace, vehicle.name(), &[set])?;
         let node = on.node_of(Device::OperatorSwitches);
         commands.extend(with_node(workspace, &on, node, command, rest)?);
     }
@@ -419,13 +420,17 @@ fn with_node(
     Ok(Some(cargo))
 }
 
-/// The value that lets a planner lead runs.
-const PLANNER: &str = "planner.enabled=true";
-
-/// Whether a vehicle has a planner that is off.
-fn has_planner(vehicle: &Vehicle) -> bool {
-    let planner = vehicle.manifest().planner.as_ref();
-    planner.is_some_and(|planner| !planner.enabled)
+/// The values that switch on what is off in a vehicle's manifest and adds no node.
+fn additions(vehicle: &Vehicle) -> Vec<&'static str> {
+    let manifest = vehicle.manifest();
+    let planner = manifest.planner.as_ref().map(|planner| planner.enabled);
+    let mission = manifest.mission.as_ref().map(|mission| mission.enabled);
+    let off = [
+        (planner, "planner.enabled=true"),
+        (mission, "mission.enabled=true"),
+    ];
+    let off = off.into_iter().filter(|(on, _)| *on == Some(false));
+    off.map(|(_, set)| set).collect()
 }
 
 /// A node that is off in a vehicle's manifest.
