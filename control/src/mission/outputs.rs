@@ -49,7 +49,7 @@ impl<T: Scalar> Outputs<T> {
         }
     }
 
-    /// The sections that have been told to be on.
+    /// The sections that are switched on.
     #[must_use]
     pub fn state(&self) -> u8 {
         self.state

@@ -698,6 +698,21 @@ fn named_values(key: &str, path: &SignalPath, network: &Network) -> Result<(), S
     }
 }
 
+/// Checks that one thing at most guides a run besides the path. Before the network file is put together: each brings
+/// messages of its own.
+///
+/// # Errors
+/// Names the two that are on.
+pub fn guide(manifest: &Manifest) -> Result<(), String> {
+    if manifest.leading_planner().is_none() || manifest.guidance_by_rows().is_none() {
+        return Ok(());
+    }
+    Err(
+        "row_guidance.enabled and planner.enabled: one of the two is accepted, which guides a run besides the path"
+            .into(),
+    )
+}
+
 /// Checks a planner, be it on or off.
 fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<(), String> {
     if manifest.machine.is_none() {
@@ -715,12 +730,6 @@ fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<
     }
     if !planner.enabled {
         return Ok(());
-    }
-    if manifest.guidance_by_rows().is_some() {
-        return Err(
-            "row_guidance.enabled and planner.enabled: one of the two is accepted, which guides a run besides the path"
-                .into(),
-        );
     }
     named_values("planner.lead", &planner.lead, network)?;
     let mut messages = network.messages.iter();

@@ -159,6 +159,7 @@ impl Vehicle {
     ) -> Result<Self, VehicleError> {
         let wrong = |what| refused(folder, overrides, what);
         let (manifest, effective) = Self::manifest_with(folder, manifest, overrides)?;
+        check::guide(&manifest).map_err(wrong)?;
         let network = supplemented(folder, &manifest, network)?;
         let network = Network::parse(&network).map_err(|error| VehicleError::Network {
             file: folder.join(NETWORK),

@@ -26,8 +26,6 @@ pub struct Source {
     pub in_idle: Vec<String>,
     /// What the comment above a task says, by task.
     pub comments: Vec<(String, Comment)>,
-    /// Tasks that are there only with some feature.
-    pub conditional: Vec<String>,
     /// Periods of delays that the software tasks write as literals, in microseconds, by task.
     pub delays: Vec<(String, u64)>,
     /// The rate of a SysTick monotonic, in Hz, if it stands in the sources as a literal.
@@ -279,7 +277,6 @@ fn application(
         },
         in_idle: Vec::new(),
         comments: Vec::new(),
-        conditional: Vec::new(),
         delays: Vec::new(),
         systick_hz: None,
     };
@@ -334,7 +331,7 @@ fn add_task(
     };
     let is_conditional = |one: &syn::Attribute| one.path().is_ident("cfg");
     if function.attributes.iter().any(is_conditional) {
-        source.conditional.push(name.clone());
+        source.app.conditional.push(name.clone());
     }
     if let Some(found) = comment::of(function.attributes, &source.shown, &name)? {
         source.comments.push((name.clone(), found));
@@ -514,7 +511,7 @@ mod app {
         assert_eq!(source.in_idle, ["background"]);
         assert_eq!(source.app.dispatchers, ["A", "B"]);
         assert_eq!(source.app.interrupt(&source.app.tasks[0]), Some("B"));
-        assert_eq!(source.conditional, ["sample"]);
+        assert_eq!(source.app.conditional, ["sample"]);
         assert_eq!(source.app.idle_locks, ["log"]);
         assert_eq!(source.delays, [("blink".to_owned(), 10_000)]);
         assert_eq!(source.systick_hz, Some(1000));

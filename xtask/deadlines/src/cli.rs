@@ -311,7 +311,7 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
     // Wrong input is reported before a build that takes time.
     let part = tables.part.on(&tables.clocks)?;
     let (path, image) = of.image(&binary)?;
-    model::drop_absent(&mut source, &image);
+    source.app.drop_absent(&image);
     tables.table = model::with_comments(&source, &tables.table, &tables.file)?;
     let stack = stack(&tables.table, &image, &tables.part)?;
     let file = &tables.file;
@@ -492,7 +492,7 @@ fn write_table(of: &Of) -> Result<(), Error> {
         .map(|name| parts::find(name, Path::new(".")))
         .transpose()?;
     let (_, image) = of.image(&binary)?;
-    model::drop_absent(&mut source, &image);
+    source.app.drop_absent(&image);
     let text = first_table(of, &binary, &source, part.as_ref(), &image)?;
     write(&path, &text)?;
     let questions = text.matches(" = \"?\"").count();

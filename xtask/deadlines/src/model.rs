@@ -9,7 +9,6 @@ use schedulability::table::{
     Clocks as RunsOn, LoopBound, NodeTable, ONCE, PendedBy, Run, Several, TaskTable,
 };
 use schedulability::units::MICROSECOND;
-use wcet::image::Image;
 use wcet::part::Part;
 
 use crate::app::Source;
@@ -49,26 +48,6 @@ pub fn with_comments(source: &Source, table: &Table, file: &str) -> Result<Table
         }
     }
     Ok(table)
-}
-
-/// Removes the tasks that a feature switches off: those with `#[cfg]` that the image does not have.
-pub fn drop_absent(source: &mut Source, image: &Image) {
-    let has = |name: &str, binds: Option<&String>| match binds {
-        Some(interrupt) => {
-            let entry = image.symbol(interrupt);
-            let default = image.symbol(wcet::image::DEFAULT_HANDLER);
-            entry.is_some() && entry != default
-        }
-        None => {
-            let executor = format!("__rtic_internal_{name}_EXEC");
-            image.symbols().any(|symbol| symbol.contains(&executor))
-        }
-    };
-    let conditional = source.conditional.clone();
-    source
-        .app
-        .tasks
-        .retain(|task| !conditional.contains(&task.name) || has(&task.name, task.binds.as_ref()));
 }
 
 /// Builds the model of application `name` on `part`; `file` names the table in messages.

@@ -9,23 +9,24 @@
 //! The vehicle must be built with `planner.enabled = true` in its `vehicle.toml`.
 //!
 //! ```no_run
-//! # fn next() -> can_bus::Frame { unimplemented!() }
-//! # fn sleep(_: std::time::Duration) {}
-//! # fn send(_: can_bus::Frame) {}
-//! use planner::{Demand, Heard, Planner, vehicle};
+//! use can_bus::Frame;
+//! use planner::{Demand, Error, Heard, Planner, vehicle};
 //!
-//! let vehicle = vehicle("firmware/vehicles/uagv")?;
-//! let mut planner = Planner::of(&vehicle, None)?;
-//! loop {
-//!     if let Heard::Begin(slot) = planner.heard(&next()) {
-//!         sleep(slot.earliest);
-//!         let demand = Demand { curvature: 0.1, speed: 0.5 };
-//!         if let Some(frame) = planner.command(demand) {
-//!             send(frame);
+//! /// `received` are the frames of the bus as they come, `send` hands one to the adapter.
+//! fn lead(received: impl Iterator<Item = Frame>, mut send: impl FnMut(Frame)) -> Result<(), Error> {
+//!     let vehicle = vehicle("firmware/vehicles/uagv")?;
+//!     let mut planner = Planner::of(&vehicle, None)?;
+//!     for frame in received {
+//!         if let Heard::Begin(slot) = planner.heard(&frame) {
+//!             std::thread::sleep(slot.earliest);
+//!             let demand = Demand { curvature: 0.1, speed: 0.5 };
+//!             if let Some(command) = planner.command(demand) {
+//!                 send(command);
+//!             }
 //!         }
 //!     }
+//!     Ok(())
 //! }
-//! # #[allow(unreachable_code)] Ok::<(), planner::Error>(())
 //! ```
 
 #![forbid(unsafe_code)]

@@ -202,6 +202,21 @@ impl App {
         Ok(app)
     }
 
+    /// Removes the tasks that a condition switches off: those with `#[cfg]` that the image does not have.
+    pub fn drop_absent(&mut self, image: &wcet::image::Image) {
+        let default = image.symbol(wcet::image::DEFAULT_HANDLER);
+        self.keep_present(|task| match &task.binds {
+            Some(interrupt) => {
+                let entry = image.symbol(interrupt);
+                entry.is_some() && entry != default
+            }
+            None => {
+                let executor = format!("__rtic_internal_{}_EXEC", task.name);
+                image.symbols().any(|symbol| symbol.contains(&executor))
+            }
+        });
+    }
+
     /// Removes the tasks with `#[cfg]` of which `has` says that they are not there.
     pub fn keep_present(&mut self, has: impl Fn(&Task) -> bool) {
         let conditional = &self.conditional;

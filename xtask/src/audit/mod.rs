@@ -74,13 +74,8 @@ pub fn audit(path: &Path, app: &App) -> Result<Audit, Failure> {
         error,
     })?;
     let mut complaints = panics::complaints(&image, &calls);
-    let default = image.symbol(wcet::image::DEFAULT_HANDLER);
-    let is_handled = |interrupt: &String| {
-        let entry = image.symbol(interrupt);
-        entry.is_some() && entry != default
-    };
     let mut app = app.clone();
-    app.keep_present(|task| task.binds.as_ref().is_none_or(is_handled));
+    app.drop_absent(&image);
     let deepest = stack::deepest(&image, &calls, &app).unwrap_or_else(|unknown| {
         complaints.extend(unknown);
         0

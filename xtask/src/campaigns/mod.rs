@@ -127,7 +127,7 @@ pub(crate) fn show(report: &Report, json: bool) -> Result<(), Failure> {
     }
 }
 
-/// The largest part, bytes: tens of thousands of failures are no more.
+/// Largest size of a part, bytes. A part with tens of thousands of failures is smaller.
 const LARGEST: u64 = 64 << 20;
 
 /// Reads the report of a part.
