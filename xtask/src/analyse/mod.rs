@@ -16,16 +16,17 @@ mod traffic;
 
 use std::path::{Path, PathBuf};
 
-use can_bus::{
-    Frame,
-    wire::{self, INTERMISSION_BITS},
-};
+use can_bus::{Frame, wire::INTERMISSION_BITS};
 use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
 use crate::{
-    Failure, Workspace, cli::Analyse, network::decode::Decoder, page::chart, progress::Display,
+    Failure, Workspace,
+    cli::Analyse,
+    network::{decode::Decoder, length::frame_bits},
+    page::chart,
+    progress::Display,
     vehicle,
 };
 use events::Events;
@@ -257,7 +258,7 @@ impl<'d> Analysis<'d> {
 
     /// Takes the next frame; returns time, identifier and data of one that can be decoded.
     fn take(&mut self, stamp: i64, frame: &Frame) -> Option<(i64, u16, [u8; 8])> {
-        let bits = wire::frame_bits(frame);
+        let bits = frame_bits(frame);
         let length = i64::from(bits) * 1_000_000_000 / self.bit_rate;
         let at = match self.last {
             Some(last) => self.between(last, stamp),

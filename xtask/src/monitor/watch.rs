@@ -2,17 +2,14 @@
 
 use std::{collections::BTreeMap, fmt::Write, time::Duration};
 
-use can_bus::{
-    Frame,
-    wire::{self, INTERMISSION_BITS},
-};
+use can_bus::{Frame, wire::INTERMISSION_BITS};
 use embedded_can::Id;
 use serde::Serialize;
 use vehicle_model::Vehicle;
 use world::report::{FrameRecord, ModeChange, Window, WindowKind, rounded};
 use world::{SimTime, time::span_micros};
 
-use crate::network::matrix::Matrix;
+use crate::network::{length::frame_bits, matrix::Matrix};
 
 /// The last time span that classes are judged by.
 const SPAN: Duration = Duration::from_secs(1);
@@ -172,7 +169,7 @@ impl Watch {
 
     /// Takes a frame that ended at `at`.
     pub fn take(&mut self, at: Duration, frame: &Frame) {
-        let bits = wire::frame_bits(frame);
+        let bits = frame_bits(frame);
         let start = at.saturating_sub(Duration::from_secs_f64(f64::from(bits) / self.bit_rate));
         self.frames += 1;
         let id = match frame.id() {
