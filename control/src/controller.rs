@@ -379,6 +379,12 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         &self.progress
     }
 
+    /// True once the vehicle's place is known. Until then it makes no progress on the route, wherever it stands.
+    #[must_use]
+    pub fn is_located(&self) -> bool {
+        self.estimator.is_ready()
+    }
+
     /// Sets the crab angle (rad) by which the body points to the right of its
     /// course when it drives forward, as on a side slope. A single antenna cannot measure it. It
     /// matters only if the controlled point is not beside the antenna.

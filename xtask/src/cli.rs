@@ -375,6 +375,9 @@ pub enum Kind {
     law alone; with --out also the picture row-limits.svg\n  \
     thesis-2   its rows, chapter 2 (--vehicle row-follower), under its law and under Furrow's; exit\n             \
     code 1 if its law does not have its figures\n  \
+    field      one hectare in 34 swaths with headland turns, at 1 and 2 m/s (and as fast as the vehicle\n             \
+    drives), from the flash of the images; exit code 1 if a limit is missed; --seeds 5 --out DIR\n             \
+    with pictures of the field; an hour for each run, --quick a minute\n  \
     event-or-time\n             \
     the time from sample to motor on an event-triggered and on a time-triggered bus (--vehicle\n             \
     row-follower), beside foreign load; exit code 1 if a bound of the analysis does not hold\n\n\

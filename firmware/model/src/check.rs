@@ -53,7 +53,7 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
         self::planner(planner, manifest, network)?;
     }
     if let Some(mission) = &manifest.mission {
-        self::mission(mission, manifest)?;
+        self::mission(mission, manifest, network)?;
     }
     if let Some(guardian) = &manifest.guardian {
         self::guardian(guardian, manifest, network)?;
@@ -752,7 +752,7 @@ fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<
 }
 
 /// Checks missions, be they on or off.
-fn mission(mission: &Mission, manifest: &Manifest) -> Result<(), String> {
+fn mission(mission: &Mission, manifest: &Manifest, network: &Network) -> Result<(), String> {
     let Some(machine) = &manifest.machine else {
         return Err("[mission] needs a [machine], which the manifest does not have".into());
     };
@@ -773,6 +773,7 @@ fn mission(mission: &Mission, manifest: &Manifest) -> Result<(), String> {
             "mission.enabled with machine.law \"thesis\": that law follows one line, so \"furrow\" is accepted".into(),
         );
     }
+    sections(&mission.sections, network)?;
     let operated = |node: &&Node| node.connector(Device::OperatorSwitches).is_some();
     let boards = manifest.nodes.iter().filter(operated);
     let room = |node: &Node| Sled::named(&node.board).is_some_and(|sled| sled.mission.is_some());
@@ -783,6 +784,23 @@ fn mission(mission: &Mission, manifest: &Manifest) -> Result<(), String> {
     {
         Some(board) => Err(format!(
             "mission.enabled: the board {board:?} of the node with the operator's switches has no room for a mission"
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Checks the message about the sections of an implement.
+fn sections(name: &str, network: &Network) -> Result<(), String> {
+    let mut messages = network.messages.iter();
+    let Some(message) = messages.find(|message| message.name == name) else {
+        return Err(format!("mission.sections: there is no message {name:?}"));
+    };
+    let has = |signal: &String| message.signals.iter().any(|its| its.name == *signal);
+    let signals =
+        (1..=8).flat_map(|section| [format!("State{section}"), format!("After{section}")]);
+    match signals.into_iter().find(|signal| !has(signal)) {
+        Some(missing) => Err(format!(
+            "mission.sections: {name:?} has no signal {missing:?}"
         )),
         None => Ok(()),
     }

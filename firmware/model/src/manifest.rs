@@ -747,6 +747,10 @@ pub struct Mission {
     pub ahead: Length,
     /// From the rear axle to the rear, for fences, 0 to 20 m.
     pub behind: Length,
+    /// The message that says when the sections of an implement are switched in the next basic cycle. For each section from 1
+    /// to 8 it has the signals `State1`, whether it is on when that cycle begins, and `After1`, after how many milliseconds
+    /// it changes; 127 if it does not.
+    pub sections: String,
 }
 
 /// A computer above the control layer that may lead autonomous runs: it sends a curvature and a speed in each basic

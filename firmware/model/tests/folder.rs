@@ -853,6 +853,26 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
 }
 
 #[test]
+fn the_message_about_sections_must_be_there_with_its_signals() {
+    for (message, sentence) in [
+        (
+            "Nothing",
+            "mission.sections: there is no message \"Nothing\"",
+        ),
+        (
+            "MissionState",
+            "mission.sections: \"MissionState\" has no signal \"State1\"",
+        ),
+    ] {
+        let set = format!("mission.enabled=true;mission.sections={message}");
+        let error = uagv_with(&set).unwrap_err().to_string();
+        assert!(error.ends_with(sentence), "{error}");
+        // While missions are off, nobody asks for it.
+        uagv_with(&format!("mission.sections={message}")).unwrap();
+    }
+}
+
+#[test]
 fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
     for (overrides, sentence) in [
         (

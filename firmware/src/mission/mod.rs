@@ -4,9 +4,11 @@
 //! low priority makes the path of it a little ahead of the vehicle ([`Work`]); the control step follows that.
 
 mod record;
+mod sections;
 mod work;
 
 pub use record::{FORMAT, Stored, words};
+pub use sections::{NEVER, Told, lead, told};
 pub use work::{At, State, Work};
 
 use control::controller::Settings;

@@ -90,6 +90,7 @@ mod tests {
         Plan {
             name: "bends".to_owned(),
             origin: Origin::default(),
+            width: None,
             fence: Vec::new(),
             legs,
             end,

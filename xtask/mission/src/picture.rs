@@ -20,6 +20,21 @@ pub struct Options<'a> {
     pub width: Option<f64>,
     /// The field of the plan: its obstacles and its inner area.
     pub field: Option<&'a Field>,
+    /// The turns as the vehicle plans them, in place of straight lines between the legs.
+    pub turns: &'a [Vec<Local>],
+    /// What was driven, if the plan was.
+    pub driven: Option<Driven<'a>>,
+}
+
+/// How a plan was driven.
+#[derive(Clone, Copy, Debug)]
+pub struct Driven<'a> {
+    /// The way of the vehicle, no more than a few decimetres from place to place.
+    pub way: &'a [Local],
+    /// The parts of it on which the implement worked.
+    pub worked: &'a [Vec<Local>],
+    /// A line about it, below the title.
+    pub figures: &'a str,
 }
 
 /// Width of the picture, in its own units, and of the column of its legend.
@@ -45,7 +60,7 @@ const STYLE: &str = "svg{color-scheme:light dark;--ink:#1d2830;--soft:#55646e;--
     .leg{fill:none;stroke-width:2;stroke-linejoin:round;stroke-linecap:round}.plain{stroke:var(--ink)}\
     .low{stroke:var(--blue)}.middle{stroke:var(--green)}.high{stroke:var(--orange);stroke-width:2.6}\
     .over{stroke:var(--over);stroke-width:4}.back{stroke-dasharray:7 4}.arrow{fill:var(--ink)}\
-    .start{fill:var(--page);stroke:var(--ink);stroke-width:2}.end{fill:var(--ink)}.scale{fill:none;stroke:var(--ink);stroke-width:1.5}\
+    .start{fill:var(--page);stroke:var(--ink);stroke-width:2}.end{fill:var(--ink)}.driven{fill:none;stroke:var(--over);stroke-width:1}.scale{fill:none;stroke:var(--ink);stroke-width:1.5}\
     text{fill:var(--soft);font-size:12px}.title{fill:var(--ink);font-size:19px;font-weight:bold}\
     .number{fill:var(--ink);font-size:11px;paint-order:stroke;stroke:var(--page);stroke-width:3px}";
 
@@ -166,37 +181,58 @@ pub fn svg(plan: &Plan, options: &Options) -> String {
         })
         .collect();
     let edge = options.field.iter().flat_map(|field| &field.area.outer);
-    let places = plan.fence.iter().chain(edge).chain(curves.iter().flatten());
+    let planned = options.turns.iter().flatten();
+    let places = plan
+        .fence
+        .iter()
+        .chain(edge)
+        .chain(curves.iter().flatten())
+        .chain(planned);
     let map = Map::of(places.copied());
     let mut canvas = Canvas {
         body: String::new(),
     };
     ground(&mut canvas, &map, plan, options);
     if let Some(width) = options.width {
-        for (leg, curve) in plan.legs.iter().zip(&curves) {
-            if leg.outputs != Outputs(0) {
-                let _ = writeln!(
-                    canvas.body,
-                    "<path class=\"strip\" stroke-width=\"{:.1}\" d=\"{}\"/>",
-                    width * map.scale,
-                    map.path(curve)
-                );
+        let working = plan.legs.iter().zip(&curves);
+        let working = working.filter(|(leg, _)| leg.outputs != Outputs(0));
+        let planned: Vec<&Vec<Local>> = working.map(|(_, curve)| curve).collect();
+        let strips = match &options.driven {
+            Some(driven) => driven.worked.iter().collect(),
+            None => planned,
+        };
+        for strip in strips {
+            let _ = writeln!(
+                canvas.body,
+                "<path class=\"strip\" stroke-width=\"{:.1}\" d=\"{}\"/>",
+                width * map.scale,
+                map.path(strip)
+            );
+        }
+    }
+    match options.turns {
+        [] => turns(&mut canvas, &map, plan, &curves),
+        planned => {
+            for turn in planned {
+                canvas.path("turn", &map.path(turn));
             }
         }
     }
-    turns(&mut canvas, &map, plan, &curves);
     for (index, leg) in plan.legs.iter().enumerate() {
         let back = if leg.reverse { " back" } else { "" };
         for (class, piece) in coloured(options.chains.get(index), options.limit, &curves[index]) {
             canvas.path(&format!("leg {class}{back}"), &map.path(&piece));
         }
     }
+    if let Some(driven) = &options.driven {
+        canvas.path("driven", &map.path(driven.way));
+    }
     for curve in &curves {
         arrow(&mut canvas, &map, curve);
     }
     numbers(&mut canvas, &map, plan, &curves);
     legend(&mut canvas, &map, plan, options);
-    finish(canvas, plan, &map)
+    finish(canvas, plan, &map, options)
 }
 
 fn ground(canvas: &mut Canvas, map: &Map, plan: &Plan, options: &Options) {
@@ -388,6 +424,9 @@ fn legend(canvas: &mut Canvas, map: &Map, plan: &Plan, options: &Options) {
     if plan.legs.iter().any(|leg| leg.join == Join::Turn) && plan.legs.len() > 1 {
         row(canvas, "turn", "turn, planned by the vehicle");
     }
+    if options.driven.is_some() {
+        row(canvas, "driven", "driven");
+    }
     if !plan.fence.is_empty() {
         row(canvas, "scale", "fence");
     }
@@ -430,7 +469,7 @@ fn legend(canvas: &mut Canvas, map: &Map, plan: &Plan, options: &Options) {
     canvas.text(x, tip + 34.0, "", "middle", "N");
 }
 
-fn finish(canvas: Canvas, plan: &Plan, map: &Map) -> String {
+fn finish(canvas: Canvas, plan: &Plan, map: &Map, options: &Options) -> String {
     let height = TOP + map.height + MARGIN;
     let legs = match plan.legs.len() {
         1 => "1 leg".to_owned(),
@@ -445,6 +484,10 @@ fn finish(canvas: Canvas, plan: &Plan, map: &Map) -> String {
         false => format!("{slow} to {fast} m/s"),
     };
     let about = format!("{legs}, {:.0} m without turns, {speed}", plan.length());
+    let about = match &options.driven {
+        Some(driven) => format!("{about}; {}", escape(driven.figures)),
+        None => about,
+    };
     let name = escape(&plan.name);
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" \

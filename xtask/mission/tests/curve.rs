@@ -312,6 +312,7 @@ fn plan(legs: Vec<Leg>, end: End) -> Plan {
     Plan {
         name: "legs".to_owned(),
         origin: Origin::default(),
+        width: None,
         fence: Vec::new(),
         legs,
         end,

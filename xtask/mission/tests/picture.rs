@@ -73,6 +73,7 @@ fn everything_is_in_the_picture() {
             limit: Some(0.3),
             width: Some(4.0),
             field: Some(&field),
+            ..picture::Options::default()
         },
     );
     let document = roxmltree::Document::parse(&picture).unwrap();
@@ -117,6 +118,51 @@ fn everything_is_in_the_picture() {
     }
 }
 
+/// What was driven takes the place of what was planned: its strips, its turns and its figures.
+#[test]
+fn a_drive_is_drawn_over_its_plan() {
+    let from = Local::new(0.0, 0.0);
+    let leg = |to: Local| Leg {
+        shape: Shape::Line { from, to },
+        speed: 1.0,
+        reverse: false,
+        outputs: Outputs(1),
+        join: Join::Turn,
+    };
+    let plan = Plan {
+        name: "drive".to_owned(),
+        origin: Origin::default(),
+        width: Some(3.0),
+        fence: Vec::new(),
+        legs: vec![leg(Local::new(30.0, 0.0)), leg(Local::new(30.0, 20.0))],
+        end: End::Stop,
+    };
+    let turn = vec![vec![Local::new(30.0, 0.0), Local::new(34.0, 2.0)]; 3];
+    let way = [from, Local::new(29.0, 0.1)];
+    let worked = [way.to_vec()];
+    let options = picture::Options {
+        width: Some(3.0),
+        turns: &turn,
+        driven: Some(picture::Driven {
+            way: &way,
+            worked: &worked,
+            figures: "mean < 1 cm",
+        }),
+        ..picture::Options::default()
+    };
+    let picture = svg(&plan, &options);
+    let document = roxmltree::Document::parse(&picture).unwrap();
+    let count = |class: &str| {
+        let of = |node: &roxmltree::Node| {
+            node.has_tag_name("path") && node.attribute("class") == Some(class)
+        };
+        document.descendants().filter(of).count()
+    };
+    // Turn and drive are in the legend, too.
+    assert_eq!((count("driven"), count("turn"), count("strip")), (2, 4, 1));
+    assert!(picture.contains("mean &lt; 1 cm"));
+}
+
 #[test]
 fn north_is_up_and_lengths_are_true() {
     let leg = |from: (f64, f64), to: (f64, f64)| Leg {
@@ -132,6 +178,7 @@ fn north_is_up_and_lengths_are_true() {
     let plan = Plan {
         name: "corner".to_owned(),
         origin: Origin::default(),
+        width: None,
         fence: Vec::new(),
         legs: vec![
             leg((0.0, 0.0), (100.0, 0.0)),
@@ -188,7 +235,7 @@ proptest! {
     fn every_picture_is_xml(plan in plans(), coloured: bool) {
         let chains = legs(&plan, &curve::Options::default()).unwrap_or_default();
         let picture = svg(&plan, &picture::Options {
-            chains: &chains, limit: coloured.then_some(0.2), width: Some(3.0), field: None,
+            chains: &chains, limit: coloured.then_some(0.2), width: Some(3.0), ..picture::Options::default()
         });
         let document = roxmltree::Document::parse(&picture);
         prop_assert!(document.is_ok(), "{:?}", document);

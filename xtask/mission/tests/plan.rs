@@ -172,6 +172,11 @@ const WRONG: &[(&str, &str, &str)] = &[
     ),
     (
         "name = \"243 m line\"",
+        "name = \"a\"\nwidth = \"0 m\"",
+        "mission field.toml, line 3, width: 0 m is out of range, it takes above 0 to 50 m",
+    ),
+    (
+        "name = \"243 m line\"",
         "name = \"a\"\nend = \"park\"",
         "mission field.toml, line 3, end: unknown variant `park`, expected `stop` or `repeat`",
     ),

@@ -610,6 +610,7 @@ mod tests {
                 tasks: &[],
                 rover: None,
                 crop: None,
+                mission: None,
             };
             let expected = Summary::of(&run).bus;
 

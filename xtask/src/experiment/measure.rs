@@ -225,6 +225,7 @@ mod tests {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         };
         Figures::of(&run, rates).unwrap()
     }

@@ -4,6 +4,7 @@
 pub mod aggregate;
 pub mod case;
 mod event_or_time;
+pub mod field;
 mod kept;
 pub mod measure;
 pub mod quick;
@@ -205,9 +206,10 @@ pub enum RunError {
 type Runner = fn(&Workspace, &Sim) -> Result<(), Failure>;
 
 /// The experiments that have a runner of their own.
-const OTHERS: [(&str, Runner); 2] = [
+const OTHERS: [(&str, Runner); 3] = [
     (event_or_time::NAME, event_or_time::run),
     (thesis_2::NAME, thesis_2::run),
+    (field::NAME, field::run),
 ];
 
 /// The names of the experiments.
@@ -523,6 +525,7 @@ impl Job<'_> {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         };
         Figures::of(&run, rate.of_frames(&log.frames))
             .ok_or_else(|| self.failed(RunError::NeverDrove))

@@ -151,6 +151,18 @@ impl Numbers {
         &self.settings
     }
 
+    /// Length of the basic cycle, s.
+    #[must_use]
+    pub fn period(&self) -> f32 {
+        self.period
+    }
+
+    /// Cycle time at which the control step is released, s.
+    #[must_use]
+    pub fn release(&self) -> f32 {
+        world::time::span_seconds(self.times.release) as f32
+    }
+
     /// Furrow's law, or the thesis's with the same settings.
     ///
     /// # Errors
@@ -339,6 +351,7 @@ impl Record {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         }
     }
 }

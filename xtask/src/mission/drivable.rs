@@ -18,6 +18,7 @@ use vehicle_model::{Vehicle, description, manifest};
 const ROOM: usize = 32 * 1024;
 
 /// The legs of a plan in the terms of the vehicle's firmware.
+#[derive(Clone, Debug)]
 pub(crate) struct Drivable {
     /// The curve of each leg of the plan.
     pub chains: Vec<Chain>,
@@ -102,7 +103,13 @@ impl Drivable {
         })
     }
 
-    fn mission(&self) -> Legs<'_, f32> {
+    /// The leg of the plan that a leg of the firmware belongs to.
+    pub(crate) fn leg_of(&self, number: usize) -> usize {
+        self.of.get(number).map_or(number, |leg| *leg)
+    }
+
+    /// What the firmware drives.
+    pub(crate) fn mission(&self) -> Legs<'_, f32> {
         Legs {
             origin: Position::new(0, 0),
             legs: &self.legs,
@@ -139,8 +146,7 @@ impl Drivable {
         use control::mission::Violation;
         check(&self.mission(), settings).map_err(|violation| match violation {
             Violation::Leg { number, fault } => {
-                let leg = self.of.get(number).map_or(number, |leg| *leg);
-                format!("leg {}: {fault}", leg + 1)
+                format!("leg {}: {fault}", self.leg_of(number) + 1)
             }
             other => other.to_string(),
         })

@@ -1,10 +1,11 @@
 //! `mission`: makes missions from the files of farm tools, checks whether a vehicle can drive them, and draws them.
 
 mod drivable;
+mod driven;
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, sync::Arc};
 
-use control::dubins::Pose;
+use control::{dubins::Pose, mission::MissionSettings};
 
 use mission::{
     curve::Chain,
@@ -15,14 +16,24 @@ use mission::{
     read,
 };
 use serde_json::json;
-use vehicle_model::Vehicle;
+use twin::{Images, Outcome};
+use vehicle_model::{Device, Vehicle};
+use world::{
+    Scenario, SimDuration,
+    report::{MissionFigures, Run},
+    units::{Angle, Length},
+};
 
 pub(crate) use drivable::{Drivable, settings};
+pub(crate) use driven::{Course, Driven, Told, played};
 
 use crate::{
     Failure, Workspace,
     cli::{CheckMission, Mission, NewMission},
-    file, vehicle,
+    file,
+    network::matrix::Matrix,
+    sim::bus::Log,
+    vehicle,
 };
 
 /// Runs the command.
@@ -50,11 +61,17 @@ pub(crate) fn read_plan(path: &Path) -> Result<Plan, Failure> {
 }
 
 /// A mission for a vehicle, which can drive it.
+#[derive(Clone, Debug)]
 pub struct Loaded {
     /// What lies in the flash.
     pub record: Vec<u8>,
     /// A place before its first leg, and the direction of that.
     pub begin: Pose<f64>,
+    /// Time that the vehicle needs for it at full speed, s.
+    pub time: f64,
+    /// Its path.
+    pub(crate) course: Arc<Course>,
+    pub(crate) drivable: Arc<Drivable>,
 }
 
 /// How far before the first leg a run begins, m: the vehicle finds its heading on the way.
@@ -66,13 +83,87 @@ const RUN_UP: f64 = 3.0;
 /// It cannot be read, or the vehicle cannot drive it.
 pub fn load(vehicle: &Vehicle, path: &Path) -> Result<Loaded, Failure> {
     let usage = |why: String| Failure::Usage(format!("{}: {why}", path.display()));
-    let drivable = Drivable::of(&read_plan(path)?).map_err(usage)?;
     let settings = settings(vehicle).map_err(Failure::Usage)?;
-    drivable.check(&settings).map_err(usage)?;
+    prepare(vehicle, read_plan(path)?, &settings).map_err(usage)
+}
+
+/// A plan for a vehicle.
+///
+/// # Errors
+/// Why the vehicle cannot drive it.
+pub(crate) fn prepare(
+    vehicle: &Vehicle,
+    plan: Plan,
+    settings: &MissionSettings<f32>,
+) -> Result<Loaded, String> {
+    let drivable = Drivable::of(&plan)?;
+    let summary = drivable.check(settings)?;
     Ok(Loaded {
-        record: drivable.record().map_err(usage)?,
+        record: drivable.record()?,
         begin: drivable.begin(RUN_UP).unwrap_or_default(),
+        time: summary.time.into(),
+        course: Arc::new(Course::of(plan, &drivable, settings, vehicle)?),
+        drivable: Arc::new(drivable),
     })
+}
+
+impl Loaded {
+    /// Lets a scenario begin where the vehicle finds its first leg.
+    pub fn begin(&self, scenario: &mut Scenario) {
+        scenario.start.north = Length::new(self.begin.north);
+        scenario.start.east = Length::new(self.begin.east);
+        scenario.start.heading = Angle::new(self.begin.heading);
+    }
+
+    /// The images with it in the flash of the board that the operator commands.
+    #[must_use]
+    pub fn with_images(&self, images: Images, vehicle: &Vehicle) -> Images {
+        let node = vehicle.node_of(Device::OperatorSwitches);
+        let place =
+            node.and_then(|node| Some((node, vehicle::board(vehicle, node).mission.as_ref()?)));
+        match place {
+            Some((node, place)) => images.with_data(node, place.base, self.record.clone()),
+            None => images,
+        }
+    }
+
+    /// How a finished run of the images drove it, and the picture of that.
+    #[must_use]
+    pub fn judge(
+        &self,
+        vehicle: &Vehicle,
+        scenario: &Scenario,
+        seed: u64,
+        outcome: &Outcome,
+    ) -> (MissionFigures, String) {
+        let matrix = Matrix::new(vehicle);
+        let log = Log::new(&outcome.records, matrix.bit_time());
+        let modes = matrix.modes(&log.frames);
+        let states = outcome.world.states();
+        let driven = self.course.driven(vehicle, states, &modes, &log.frames);
+        let mission = driven.run();
+        let run = Run {
+            scenario,
+            nodes: &vehicle::node_names(vehicle),
+            seed,
+            duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
+            states,
+            efforts: outcome.world.efforts(),
+            frames: &log.frames,
+            windows: &matrix.windows,
+            cycle_count_byte: matrix.cycle_count_byte(),
+            basic_cycle: matrix.basic_cycle(),
+            bit_time: matrix.bit_time(),
+            modes: &modes,
+            tasks: &[],
+            rover: None,
+            crop: None,
+            mission: Some(mission),
+        };
+        let figures = MissionFigures::of(&run, &mission);
+        let picture = driven.svg(states, &figures.line());
+        (figures, picture)
+    }
 }
 
 fn check(workspace: &Workspace, options: &CheckMission) -> Result<(), Failure> {
@@ -140,6 +231,7 @@ fn draw(
         limit: Some(limit),
         width: field.map(|field| field.options.width),
         field,
+        ..picture::Options::default()
     };
     Ok(file::put(path, &picture::svg(plan, &options))?)
 }
@@ -326,6 +418,7 @@ fn of_lines(
     Plan {
         name,
         origin,
+        width: None,
         fence: Vec::new(),
         legs: shapes
             .map(|shape| Leg {

@@ -28,7 +28,7 @@ use world::time::Span as _;
 use campaign::agreement::{self, Agreement};
 use serde_json::json;
 use twin::{Images, NodeOutcome, Outcome, Twin, TwinError};
-use vehicle_model::{Device, NodeIndex, Vehicle};
+use vehicle_model::{NodeIndex, Vehicle};
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
@@ -37,7 +37,6 @@ use world::{
     },
     scenario::{Button, Listed},
     time,
-    units::{Angle, Length},
 };
 
 use crate::{
@@ -234,14 +233,12 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let mission = match &options.mission {
         None => None,
         Some(path) => {
-            let mission::Loaded { record, begin } = mission::load(&vehicle, path)?;
+            let loaded = mission::load(&vehicle, path)?;
             // A scenario that the user names says itself where the vehicle stands.
             if options.scenario.is_none() {
-                scenario.start.north = Length::new(begin.north);
-                scenario.start.east = Length::new(begin.east);
-                scenario.start.heading = Angle::new(begin.heading);
+                loaded.begin(&mut scenario);
             }
-            Some(record)
+            Some(loaded)
         }
     };
     let live = live(&vehicle, options).map_err(Error::from)?;
@@ -478,6 +475,7 @@ pub(crate) struct Finished<'s> {
     task_names: Vec<BTreeMap<String, String>>,
     recordings: Vec<NodeRecording>,
     agreement: Option<agreement::Figures>,
+    mission: Option<mission::Driven>,
     wall: Duration,
 }
 
@@ -499,8 +497,8 @@ pub(crate) struct Wish {
     pub quiet: bool,
     /// The pace, and the way of other programs to the bus.
     pub live: Option<Live>,
-    /// The record of a mission, which the controller's board has in its flash.
-    pub mission: Option<Vec<u8>>,
+    /// A mission, which the controller's board has in its flash.
+    pub mission: Option<mission::Loaded>,
 }
 
 impl Wish {
@@ -523,20 +521,10 @@ pub(crate) fn simulate<'s>(
     wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
     let mut images = images(workspace, vehicle)?;
-    if let Some(record) = &wish.mission {
-        images = with_mission(images, vehicle, record.clone());
+    if let Some(loaded) = &wish.mission {
+        images = loaded.with_images(images, vehicle);
     }
     simulate_with(&images, vehicle, scenario, wish)
-}
-
-/// The images, and a mission in the flash of the board that the operator commands.
-fn with_mission(images: Images, vehicle: &Vehicle, record: Vec<u8>) -> Images {
-    let node = vehicle.node_of(Device::OperatorSwitches);
-    let place = node.and_then(|node| Some((node, vehicle::board(vehicle, node).mission.as_ref()?)));
-    match place {
-        Some((node, place)) => images.with_data(node, place.base, record),
-        None => images,
-    }
 }
 
 /// Runs a scenario with images that are built.
@@ -638,6 +626,7 @@ fn finish<'s>(
         characters,
         quiet,
         mut live,
+        mission,
         ..
     } = wish;
     if characters {
@@ -662,6 +651,10 @@ fn finish<'s>(
     let guides = matrix.guides(&log.frames);
     let task_names = task_names(vehicle, &outcome)?;
     let tasks = tasks(&outcome, &task_names);
+    let mission = mission.map(|loaded| {
+        let states = outcome.world.states();
+        loaded.course.driven(vehicle, states, &modes, &log.frames)
+    });
     Ok(Finished {
         vehicle,
         scenario,
@@ -682,6 +675,7 @@ fn finish<'s>(
         task_names,
         recordings: recorder.finish(),
         agreement: agreement.and_then(|agreement| agreement.figures()),
+        mission,
         wall,
     })
 }
@@ -712,6 +706,7 @@ impl Finished<'_> {
                 crop,
                 guides: &self.guides,
             }),
+            mission: self.mission.as_ref().map(mission::Driven::run),
         }
     }
 
@@ -730,6 +725,11 @@ impl Finished<'_> {
         folder.write("bus.log", self.log.candump().as_bytes())?;
         let written = report::write(&self.run(), summary, states.as_ref(), &mut folder)?;
         names.extend(written.into_iter().map(str::to_owned));
+        if let (Some(driven), Some(figures)) = (&self.mission, &summary.mission) {
+            let picture = driven.svg(self.outcome.world.states(), &figures.line());
+            folder.write("field.svg", picture.as_bytes())?;
+            names.push("field.svg".to_owned());
+        }
         for (name, text) in recording::files::texts(self) {
             folder.write(&name, text.as_bytes())?;
             names.push(name);

@@ -36,6 +36,9 @@ pub(super) fn notes(
 
 /// The errors are those from a line that the images do not follow.
 fn other_line(vehicle: &Vehicle, run: &Run) -> Option<String> {
+    if run.mission.is_some() {
+        return None;
+    }
     let line = run.scenario.line?;
     let waypoints = &vehicle.manifest().waypoints;
     let (from, to) = waypoints.first().zip(waypoints.last())?;

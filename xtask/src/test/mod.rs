@@ -664,6 +664,7 @@ mod tests {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         };
         let wrong = judge(&Summary::of(&silent)).join("; ");
         assert!(wrong.contains("no frame was on the bus"), "{wrong}");
@@ -719,6 +720,7 @@ mod tests {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         };
         let wrong = judge(&Summary::of(&run)).join("; ");
         assert!(wrong.contains("started 41 us after"), "{wrong}");

@@ -40,6 +40,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
         tasks: &[],
         rover: None,
         crop: None,
+        mission: None,
     };
     let summary = Summary::of(&run);
     let files = (

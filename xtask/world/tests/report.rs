@@ -107,6 +107,7 @@ impl Made {
             tasks: &self.tasks,
             rover: None,
             crop: None,
+            mission: None,
         }
     }
 

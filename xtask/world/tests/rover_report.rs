@@ -82,6 +82,7 @@ fn run<'a>(scenario: &'a Scenario, world: &'a World, distances: &'a [DistancePai
         modes: &[],
         tasks: &[],
         crop: None,
+        mission: None,
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances,
@@ -234,6 +235,7 @@ fn motors_without_pulses_are_stopped() {
     let run = Run {
         nodes: &nodes,
         crop: None,
+        mission: None,
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances: &[],

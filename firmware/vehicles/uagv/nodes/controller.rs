@@ -411,8 +411,9 @@ mod app {
         }
         // A copy, so that the lock is short.
         let seen = driving.lock(|driving| mission::see(&driving.pilot));
-        let told = plan.tell(&seen);
-        link.lock(|link| link.put(window::MISSION_STATE, told));
+        let (state, sections) = plan.tell(&seen);
+        link.lock(|link| link.put(window::MISSION_STATE, state));
+        link.lock(|link| link.put(window::SECTION_SWITCHING, sections));
     }
 
     #[task(binds = EXTI3, priority = 1, shared = [link, driving, supervision, console, test], local = [log])]

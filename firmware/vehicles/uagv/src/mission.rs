@@ -1,14 +1,15 @@
 //! Missions: what the controller's task of low priority does for them, and its message.
 
-use control::mission::{Outputs, Piece, Purpose, Section, Stretch};
+use control::mission::{Outputs, Piece, Purpose, Section, Stretch, Switching};
 use control::path::Progress;
 use control::route::Route as _;
 use firmware::convert;
 use firmware::machine::Machine;
-use firmware::mission::{At, State, Stored, Work};
+use firmware::mission::{self as missions, At, State, Stored, Told, Work};
 use network::Message;
 
-use crate::messages::{self as named, MissionState};
+use crate::design::CONTROL_RELEASE;
+use crate::messages::{self as named, Milliseconds, MissionState, SectionSwitching};
 use crate::{Pilot, Uagv};
 
 /// Steps of the planning in a basic cycle. A turn needs some hundred of them, and a leg gives it seconds.
@@ -34,8 +35,15 @@ pub fn plan(pilot: &mut Pilot, words: &'static [u32]) -> Result<Plan, control::l
         .follow(Stretch::new(work.origin(), settings.pace));
     Ok(Plan {
         work,
-        outputs: Outputs::new([Section::default(); 8]),
+        outputs: all_off(),
     })
+}
+
+/// Sections that need no time, at the rear axle; all of them off. They are told of a cycle ahead.
+fn all_off() -> Outputs<f32> {
+    let release = CONTROL_RELEASE.to_micros() as f32 * 1e-6;
+    let section = missions::lead(&Section::default(), Uagv::PERIOD, release);
+    Outputs::new([section; 8])
 }
 
 /// Where the vehicle is. Forgets what lies behind it, and when a mission has been driven to its end, all of it.
@@ -60,6 +68,8 @@ pub struct Seen {
     progress: Progress<f32>,
     speed: f32,
     running: bool,
+    /// Whether the progress is that of the vehicle: before it has moved, nobody knows where it is.
+    located: bool,
 }
 
 /// Looks at what the pilot does.
@@ -70,6 +80,7 @@ pub fn see(pilot: &Pilot) -> Seen {
         progress: *law.progress(),
         speed: pilot.decision().tracking.speed,
         running: pilot.mode() == control::mode::Mode::AutonomousRun,
+        located: law.is_located(),
     }
 }
 
@@ -86,22 +97,22 @@ impl Plan {
         self.work.step(at)
     }
 
-    /// The message about the mission, from what the pilot does. Call it once in each basic cycle.
+    /// The messages about the mission and about the sections, from what the pilot does. Call it once in each basic cycle.
     // Not inlined: in the task, its loops would count as often as those of the planning.
     #[inline(never)]
-    pub fn tell(&mut self, seen: &Seen) -> [u8; 8] {
+    pub fn tell(&mut self, seen: &Seen) -> ([u8; 8], [u8; 8]) {
         let Seen {
             route,
             progress,
             speed,
             running,
+            located,
         } = seen;
-        let sections = if *running {
-            let switching = self.outputs.step(route, progress, *speed, Uagv::PERIOD);
-            switching.now
+        let switching = if *running && *located {
+            self.outputs.step(route, progress, *speed, Uagv::PERIOD)
         } else {
-            self.outputs = Outputs::new([Section::default(); 8]);
-            0
+            self.outputs = all_off();
+            Switching::default()
         };
         let place = route.whereabouts(progress).unwrap_or_default();
         let state = match self.work.state() {
@@ -114,7 +125,7 @@ impl Plan {
             State::Ready => named::MissionProgress::Ready,
         };
         let number = |number: usize| number.min(4095) as u16;
-        MissionState {
+        let state = MissionState {
             state,
             purpose: match place.purpose {
                 Purpose::Leg => named::MissionPurpose::Leg,
@@ -124,8 +135,34 @@ impl Plan {
             leg: number(place.leg),
             legs: number(self.work.count()),
             along: convert::rounded(place.along * 10.0).clamp(0, 65_535) as u16,
-            sections,
-        }
-        .encode()
+            sections: switching.now,
+        };
+        (
+            state.encode(),
+            sections(&missions::told(&switching)).encode(),
+        )
+    }
+}
+
+/// The message about the sections.
+fn sections(told: &[Told; 8]) -> SectionSwitching {
+    let [one, two, three, four, five, six, seven, eight] = *told;
+    SectionSwitching {
+        state1: one.on,
+        after1: Milliseconds(one.after.into()),
+        state2: two.on,
+        after2: Milliseconds(two.after.into()),
+        state3: three.on,
+        after3: Milliseconds(three.after.into()),
+        state4: four.on,
+        after4: Milliseconds(four.after.into()),
+        state5: five.on,
+        after5: Milliseconds(five.after.into()),
+        state6: six.on,
+        after6: Milliseconds(six.after.into()),
+        state7: seven.on,
+        after7: Milliseconds(seven.after.into()),
+        state8: eight.on,
+        after8: Milliseconds(eight.after.into()),
     }
 }

@@ -517,6 +517,7 @@ impl Field {
         Plan {
             name: name.to_owned(),
             origin,
+            width: Some(self.options.width),
             fence: self.area.outer.clone(),
             legs,
             end: work.end,

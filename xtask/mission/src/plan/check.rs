@@ -12,6 +12,8 @@ pub const MOST_LEGS: usize = 10_000;
 pub const MOST_POINTS: usize = 20_000;
 /// Fastest leg, m/s.
 pub const FASTEST: f64 = 10.0;
+/// Widest implement, m.
+pub const WIDEST: f64 = 50.0;
 /// Shortest leg, m.
 pub const SHORTEST: f64 = 0.1;
 /// Least distance between two points of a curve that follow each other, m.
@@ -69,6 +71,13 @@ fn header(plan: &Plan) -> Outcome {
         "deg",
     )?;
     within("origin.height", origin.height, -500.0, 9000.0, "m")?;
+    if let Some(width) = plan.width
+        && !(width > 0.0 && width <= WIDEST)
+    {
+        return Err(format!(
+            "width: {width} m is out of range, it takes above 0 to {WIDEST} m"
+        ));
+    }
     match plan.legs.len() {
         1..=MOST_LEGS => Ok(()),
         count => Err(format!(

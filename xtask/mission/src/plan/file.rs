@@ -17,6 +17,7 @@ struct File {
     name: String,
     #[serde(default)]
     end: EndWord,
+    width: Option<Length>,
     #[serde(default)]
     fence: Vec<Place>,
     origin: OriginTable,
@@ -274,6 +275,7 @@ pub(super) fn read(text: &str, place: &str) -> Result<Plan, PlanError> {
     let plan = Plan {
         name: file.name,
         origin,
+        width: file.width.map(Length::get),
         fence: file
             .fence
             .iter()
@@ -299,7 +301,7 @@ pub(super) fn read(text: &str, place: &str) -> Result<Plan, PlanError> {
 fn field_span(text: &str, what: &str) -> Option<std::ops::Range<usize>> {
     let path = what.split(':').next()?;
     let name = path.rsplit('.').next()?.split('[').next()?;
-    let key = ["origin.", "fence", "name"]
+    let key = ["origin.", "fence", "name", "width"]
         .iter()
         .any(|known| path.starts_with(known));
     let mut at = 0;
@@ -347,6 +349,9 @@ pub(super) fn write(plan: &Plan) -> String {
         End::Repeat => "repeat",
     };
     let _ = writeln!(out, "end = \"{end}\"");
+    if let Some(width) = plan.width {
+        let _ = writeln!(out, "width = {}", quantity(width, "m"));
+    }
     if !plan.fence.is_empty() {
         list(&mut out, "fence", &plan.fence);
     }

@@ -11,7 +11,7 @@ use std::fmt;
 
 use crate::place::{Frame, Local, Origin};
 
-pub use check::{FASTEST, GAP, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST};
+pub use check::{FASTEST, GAP, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST, WIDEST};
 
 /// A mission: legs in driving order, inside a fence.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +20,8 @@ pub struct Plan {
     pub name: String,
     /// Where the local frame is: the base station.
     pub origin: Origin,
+    /// Working width of the implement, m, above 0 to 50, if it is known. The firmware needs none; a drive is judged with it.
+    pub width: Option<f64>,
     /// Corners of the polygon that the vehicle must not leave, without the first one again at the end. Empty without a
     /// fence.
     pub fence: Vec<Local>,
@@ -160,6 +162,7 @@ impl Plan {
         (!legs.is_empty()).then(|| Self {
             name: name.to_owned(),
             origin,
+            width: None,
             fence: Vec::new(),
             legs,
             end: End::Stop,

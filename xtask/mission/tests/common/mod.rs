@@ -62,6 +62,7 @@ pub(crate) fn plans() -> impl Strategy<Value = Plan> {
         Plan {
             name,
             origin,
+            width: fenced.then_some(0.1 + 3.0),
             fence: if fenced { fence } else { Vec::new() },
             legs: chained,
             end: End::Stop,

@@ -72,6 +72,7 @@ pub(crate) fn is_of_run(name: &str) -> bool {
         "states.csv",
         "track.svg",
         "row.svg",
+        "field.svg",
     ];
     names.contains(&name) || text("console-") || text("log-")
 }
@@ -129,7 +130,11 @@ pub(crate) fn states(finished: &Finished<'_>) -> Option<Table> {
     let vehicle = finished.vehicle;
     let decoder = Decoder::new(vehicle.network());
     let mut guidance = Guidance::new(vehicle, &decoder);
-    guidance.line = finished.scenario.line;
+    // The positions of a mission are not those of a line.
+    guidance.line = finished
+        .scenario
+        .line
+        .filter(|_| finished.mission.is_none());
     for frame in finished
         .log
         .frames

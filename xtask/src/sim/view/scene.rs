@@ -148,6 +148,7 @@ impl Scene {
             tasks: &[],
             rover: None,
             crop: None,
+            mission: None,
         };
         let came = |window: &world::report::Window| self.subject.watch.has_come(window.id);
         (last_cycle(&run, &came), log.errors.len())

@@ -36,12 +36,16 @@ pub(super) fn autonomous_spans(run: &Run) -> Vec<(SimTime, SimTime)> {
     spans
 }
 
-/// Time and cross-track error of each state.
+/// Time and cross-track error of each state: of the path, or of the line without one.
 pub(super) fn errors<'a>(run: &'a Run) -> impl Iterator<Item = (f64, f64)> + 'a {
     let line = run.scenario.line.iter();
     line.flat_map(|line| {
-        run.states.iter().map(|state| {
-            let (_, error) = line.locate(state.north, state.east);
+        run.states.iter().enumerate().map(|(index, state)| {
+            let located = run.located(index);
+            let error = located.map_or_else(
+                || line.locate(state.north, state.east).1,
+                |located| located.right,
+            );
             (seconds(state.at), error)
         })
     })

@@ -6,6 +6,7 @@
 //! computer that simulates: the same run gives the same bytes.
 
 mod bus;
+mod cover;
 mod crop;
 mod expected;
 mod figures;
@@ -13,6 +14,7 @@ mod folder;
 mod guidance;
 mod latency;
 mod map;
+mod mission;
 mod plot;
 mod rover;
 mod row;
@@ -37,6 +39,10 @@ pub use folder::{FolderError, OutputFolder, remove_unfinished};
 pub use guidance::{BAND, approached, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
+pub use mission::{
+    CoverageFigures, LegFigures, Located, MissionFigures, MissionRun, Purpose, SectionFigures,
+    SectionSwitch, Stage, TurnFigures,
+};
 pub use plot::Span;
 pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_states, rover_svg};
 pub use row::{RowPicture, row_svg};
@@ -79,6 +85,9 @@ pub struct Run<'a> {
     pub rover: Option<RoverRun<'a>>,
     /// The recordings of a machine between rows; `None` without rows.
     pub crop: Option<CropRun<'a>>,
+    /// What is known of the mission that was to be driven; `None` without one. The vehicle is then judged against its path
+    /// in place of the line.
+    pub mission: Option<MissionRun<'a>>,
 }
 
 impl Run<'_> {
@@ -90,6 +99,11 @@ impl Run<'_> {
         };
         let frames = self.frames.iter();
         frames.filter(move |frame| frame.is_message() && of(frame.id))
+    }
+
+    /// Where on its path the state of that index is; `None` without a mission.
+    fn located(&self, index: usize) -> Option<&Located> {
+        self.mission?.located.get(index)
     }
 }
 

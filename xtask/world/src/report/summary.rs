@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::figures::{AutonomousRun, BusFigures, ModeFigures, StopFigures, TaskFigures, rounded};
-use super::{CropFigures, ExpectationFigures, RoverFigures, Run, bus, guidance};
+use super::{CropFigures, ExpectationFigures, MissionFigures, RoverFigures, Run, bus, guidance};
 use crate::time::{seconds, span_seconds};
 
 /// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
@@ -37,6 +37,9 @@ pub struct Summary {
     /// How a machine drove between the rows of a crop; left out without rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub crop: Option<CropFigures>,
+    /// How a mission was driven; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mission: Option<MissionFigures>,
     /// The vehicle's modes.
     pub modes: Vec<ModeFigures>,
     /// The bus.
@@ -114,6 +117,10 @@ impl Summary {
             stops: guidance::stops(run),
             rover: run.rover.as_ref().map(RoverFigures::of),
             crop: run.crop.as_ref().map(CropFigures::of),
+            mission: run
+                .mission
+                .as_ref()
+                .map(|mission| MissionFigures::of(run, mission)),
             modes: run
                 .modes
                 .iter()

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::crop::UNKNOWN;
 use super::{
-    ContactFigures, CropFigures, RoverFigures, Summary,
+    ContactFigures, CropFigures, MissionFigures, RoverFigures, Summary,
     figures::{AutonomousRun, BusFigures, StopFigures},
 };
 
@@ -111,7 +111,81 @@ fn write_machine(t: &mut String, s: &Summary) -> core::fmt::Result {
         writeln!(t, "  no autonomous run")?;
     }
     for run in &s.autonomous_runs {
-        write_run(t, run)?;
+        match &s.mission {
+            None => write_run(t, run)?,
+            Some(_) => writeln!(
+                t,
+                "  autonomous {:.2} s to {:.2} s",
+                run.from_seconds, run.until_seconds
+            )?,
+        }
+    }
+    if let Some(mission) = &s.mission {
+        write_mission(t, mission)?;
+    }
+    Ok(())
+}
+
+fn write_mission(t: &mut String, mission: &MissionFigures) -> core::fmt::Result {
+    let end = match mission.finished {
+        true => "to its end",
+        false => "not to its end",
+    };
+    writeln!(
+        t,
+        "  mission driven {end}: {:.1} m in {:.1} s with {}",
+        mission.way_m,
+        mission.time_seconds,
+        counted(mission.stops as u64, "stop", "stops")
+    )?;
+    let rows = [
+        ("legs, mean cross-track error", mission.mean_cm),
+        ("legs, standard deviation", mission.deviation_cm),
+        ("legs, largest", mission.largest_cm),
+        ("turns, largest", mission.turns_largest_cm),
+        ("sections switched within", mission.switched_within_cm),
+    ];
+    for (name, value) in rows {
+        writeln!(t, "    {name:<30}{:>12}", figure(value, 2, "cm"))?;
+    }
+    if mission.wrong_switches > 0 {
+        let wrong = counted(mission.wrong_switches as u64, "switch", "switches");
+        writeln!(t, "    {wrong} of a section missing or out of place")?;
+    }
+    if let Some(coverage) = &mission.coverage {
+        writeln!(
+            t,
+            "    {:.0} m2 of swaths: {:.2} % worked, {:.2} % twice; {:.1} m2 beside them",
+            coverage.swaths_m2,
+            coverage.worked_percent,
+            coverage.twice_percent,
+            coverage.outside_m2
+        )?;
+    }
+    if !mission.legs.is_empty() {
+        writeln!(
+            t,
+            "    {:>5} {:>9} {:>9} {:>10} {:>10} {:>10}  sections on / off behind the ends",
+            "leg", "from", "speed", "mean", "deviation", "largest"
+        )?;
+    }
+    for leg in &mission.legs {
+        let sections = leg.sections.iter().map(|section| {
+            let place = |place: Option<f64>| figure(place, 1, "cm");
+            let (on, off) = (place(section.on_cm), place(section.off_cm));
+            format!("{}: {on} / {off}", section.section)
+        });
+        writeln!(
+            t,
+            "    {:>5} {:>7.1} s {:>5.2} m/s {:>7.2} cm {:>7.2} cm {:>7.2} cm  {}",
+            leg.leg,
+            leg.from_seconds,
+            leg.mean_speed_m_s,
+            leg.mean_cm,
+            leg.deviation_cm,
+            leg.largest_cm,
+            sections.collect::<Vec<_>>().join(", ")
+        )?;
     }
     Ok(())
 }

@@ -4,7 +4,6 @@ use super::guidance::{BAND, autonomous_spans, errors};
 use super::plot::{Anchor, Canvas, Panel, Span, colour};
 use super::{Run, Summary};
 use crate::receiver::Fix;
-use crate::scenario::Line;
 use crate::time::{seconds, span_seconds};
 use crate::vehicle::Parameters;
 
@@ -17,22 +16,26 @@ const INNER: f64 = WIDTH - LEFT - 28.0;
 const LEAST_PLAN: f64 = 150.0;
 const MOST_PLAN: f64 = 420.0;
 
-/// `track.svg`: the path seen from above with the line leading right, and over time the
+/// `track.svg`: the path seen from above with the line leading right, which stands for the path of a mission, and over time the
 /// cross-track error, its steady state, steering angle and speed; `None` without a machine.
 #[must_use]
 pub fn track_svg(run: &Run, summary: &Summary) -> Option<String> {
     let line = run.scenario.line.as_ref()?;
     let machine = run.scenario.vehicle.as_ref()?;
-    let path: Vec<(f64, f64)> = run
-        .states
-        .iter()
-        .map(|state| line.locate(state.north, state.east))
-        .collect();
+    let place = |(index, state): (usize, &crate::record::StateSample)| match run.located(index) {
+        Some(located) => (located.along, located.right),
+        None => line.locate(state.north, state.east),
+    };
+    let path: Vec<(f64, f64)> = run.states.iter().enumerate().map(place).collect();
     let panels = Panels::new(run, machine, &path);
     let height = panels.speed.top + panels.speed.height + 52.0;
     let mut canvas = Canvas::new(WIDTH, height.ceil());
     heading(&mut canvas, run, summary);
-    from_above(&mut canvas, line, &panels, &path);
+    let length = match &run.mission {
+        Some(mission) => mission.length(),
+        None => line.length(),
+    };
+    from_above(&mut canvas, length, &panels, &path);
     for panel in [
         &panels.whole,
         &panels.steady,
@@ -216,7 +219,7 @@ fn heading(canvas: &mut Canvas, run: &Run, summary: &Summary) {
     );
 }
 
-fn from_above(canvas: &mut Canvas, line: &Line, panels: &Panels, path: &[(f64, f64)]) {
+fn from_above(canvas: &mut Canvas, length: f64, panels: &Panels, path: &[(f64, f64)]) {
     let &Panels {
         ref plan, stretch, ..
     } = panels;
@@ -230,7 +233,7 @@ fn from_above(canvas: &mut Canvas, line: &Line, panels: &Panels, path: &[(f64, f
     plan.legend(canvas, 168.0, colour::ORANGE, "7 4", "line");
     plan.legend(canvas, 98.0, colour::BLUE, "", "path");
 
-    let ends = [(0.0, 0.0), (line.length(), 0.0)];
+    let ends = [(0.0, 0.0), (length, 0.0)];
     plan.level(canvas, 0.0, colour::GRID, "");
     let (from, to) = (plan.x.from.max(0.0), plan.x.to.min(ends[1].0));
     if to > from {

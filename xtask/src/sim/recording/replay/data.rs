@@ -57,9 +57,10 @@ pub(super) fn header(
         "bit": span_micros(finished.matrix.bit_time()),
         "windows": windows(finished),
         "messages": decoder.messages().iter().map(message).collect::<Vec<_>>(),
-        "line": finished.scenario.line.as_ref().map(|line| {
+        "line": finished.scenario.line.as_ref().filter(|_| finished.mission.is_none()).map(|line| {
             [line.from.north, line.from.east, line.to.north, line.to.east].map(|metres| metres.get())
         }),
+        "mission": finished.mission.as_ref().map(|driven| driven.json(world.states())),
         "states": states.map(states_json),
         "efforts": efforts.collect::<Vec<_>>(),
         "relays": relays.collect::<Vec<_>>(),

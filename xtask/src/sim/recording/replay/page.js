@@ -160,6 +160,30 @@
     one("track").dataset.aspect = 0.75;
     let follow = false;
 
+    // Fence, path and what was worked until now.
+    function ground(c, at, scale) {
+      const { fence, path, width, worked } = run.mission;
+      const lines = (places) => {
+        c.beginPath();
+        places.forEach(([north, east], i) => c[i ? "lineTo" : "moveTo"](...at(east, north)));
+      };
+      if (fence.length) {
+        lines(fence); c.closePath();
+        c.strokeStyle = colours.ink; c.lineWidth = 1.5; c.stroke();
+      }
+      if (width) {
+        c.strokeStyle = colours.green; c.globalAlpha = 0.18; c.lineWidth = width * scale;
+        for (const part of worked) {
+          const done = part.filter(([, , when]) => when <= now);
+          if (done.length > 1) { lines(done); c.stroke(); }
+        }
+        c.globalAlpha = 1;
+      }
+      c.strokeStyle = colours.orange; c.setLineDash([7, 4]); c.lineWidth = 1;
+      for (const places of path) { lines(places); c.stroke(); }
+      c.setLineDash([]);
+    }
+
     function track() {
       if (!hasTrack) return;
       const { context: c, width, height } = surface(one("track"));
@@ -170,6 +194,7 @@
         box = [Math.min(box[0], x), Math.min(box[1], y), Math.max(box[2], x), Math.max(box[3], y)];
       };
       xs.forEach((x, i) => widen(x, ys[i]));
+      for (const [north, east] of [...(run.mission?.fence ?? []), ...(run.mission?.path ?? []).flat()]) widen(east, north);
       const place = [value(right, now), value(up, now)];
       if (follow) box = [place[0] - 4, place[1] - 3, place[0] + 4, place[1] + 3];
       const span = Math.max(box[2] - box[0], (box[3] - box[1]) * (width / height), 1) * 1.12;
@@ -194,6 +219,7 @@
         c.strokeStyle = colours.orange; c.setLineDash([7, 4]); c.lineWidth = 1.5;
         c.beginPath(); c.moveTo(...at(e0, n0)); c.lineTo(...at(e1, n1)); c.stroke(); c.setLineDash([]);
       }
+      if (run.mission) ground(c, at, scale);
       const until = above(times, now);
       const draw = (from, to, style) => {
         c.strokeStyle = style; c.lineWidth = 1.5; c.beginPath();
