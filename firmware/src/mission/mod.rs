@@ -4,9 +4,11 @@
 //! low priority makes the path of it a little ahead of the vehicle ([`Work`]); the control step follows that.
 
 mod record;
+pub mod store;
+pub mod transport;
 mod work;
 
-pub use record::{FORMAT, Stored, words};
+pub use record::{FORMAT, Head, Kept, Recorded, Stored, dropped, words};
 pub use work::{At, State, Work};
 
 use control::controller::Settings;

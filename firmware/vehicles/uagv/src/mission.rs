@@ -5,7 +5,7 @@ use control::path::Progress;
 use control::route::Route as _;
 use firmware::convert;
 use firmware::machine::Machine;
-use firmware::mission::{At, State, Stored, Work};
+use firmware::mission::{At, State, Work, store};
 use network::Message;
 
 use crate::messages::{self as named, MissionState};
@@ -28,7 +28,12 @@ pub fn plan(pilot: &mut Pilot, words: &'static [u32]) -> Result<Plan, control::l
     let [from, to] = Uagv::ROUTE;
     let line = control::line::Line::new(from, to)?;
     let settings = crate::design::LAW.settings(&Uagv::SETTINGS);
-    let work = Work::new(Stored::read(words), &line, Uagv::SETTINGS.cruise, settings);
+    let work = Work::new(
+        store::find(words).stored,
+        &line,
+        Uagv::SETTINGS.cruise,
+        settings,
+    );
     pilot
         .law_mut()
         .follow(Stretch::new(work.origin(), settings.pace));
