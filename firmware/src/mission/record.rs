@@ -106,8 +106,17 @@ impl Head {
     /// Reads the record at the beginning of these words; `None` if it is not whole or not of this format. One without
     /// legs stands for a mission that was dropped.
     pub fn read(words: &[u32]) -> Option<Self> {
+        let head = Self::parse(words)?;
+        let covered = words.get(..head.length())?.iter().enumerate();
+        let covered = covered.filter(|(at, _)| *at != CHECK);
+        let sum = checked(covered.map(|(_, word)| *word));
+        (words.get(CHECK) == Some(&sum)).then_some(head)
+    }
+
+    /// The same without the check value, which a [`Verification`] compares.
+    pub fn parse(words: &[u32]) -> Option<Self> {
         let (head, rest) = words.split_first_chunk::<HEAD>()?;
-        let [magic, format, counts, north, east, check] = *head;
+        let [magic, format, counts, north, east, _] = *head;
         let repeat = format & REPEAT != 0;
         if magic != MAGIC || format & !REPEAT != u32::from(FORMAT) {
             return None;
@@ -116,12 +125,8 @@ impl Head {
         if count > LEGS || corners > CORNERS {
             return None;
         }
-        let (legs, rest) = rest.split_at_checked(count * LEG)?;
+        let (_, rest) = rest.split_at_checked(count * LEG)?;
         let corners = rest.get(..corners * 2)?;
-        let head = head.iter().take(CHECK);
-        if checked(head.chain(legs).chain(corners).copied()) != check {
-            return None;
-        }
         let (corners, _) = corners.as_chunks();
         let mut fence = Vec::new();
         // loop-bound: 64. control::fence::CORNERS.
@@ -198,6 +203,34 @@ impl Mission<f32> for Recorded<'_> {
 
     fn end(&self) -> End {
         self.head.end
+    }
+}
+
+/// Compares the check value of a record, in short steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verification {
+    at: usize,
+    sum: u32,
+}
+
+impl Verification {
+    /// Words of a step.
+    const STEP: usize = 128;
+
+    /// The next step for a record of these words. Returns whether it is whole, with the last one.
+    pub fn step(&mut self, record: &[u32]) -> Option<bool> {
+        // Where the last step ended: CRC-32 is reflected, and its result inverted.
+        let mut digest = CRC.digest_with_initial((self.sum ^ u32::MAX).reverse_bits());
+        let begin = record.get(self.at..).unwrap_or_default();
+        // loop-bound: 128. STEP.
+        for (at, word) in (self.at..).zip(begin.iter().take(Self::STEP)) {
+            if at != CHECK {
+                digest.update(&word.to_le_bytes());
+            }
+        }
+        self.sum = digest.finalize();
+        self.at += Self::STEP;
+        (self.at >= record.len()).then(|| record.get(CHECK) == Some(&self.sum))
     }
 }
 
@@ -355,6 +388,10 @@ mod tests {
                 panic!("no mission");
             };
             prop_assert_eq!(found.head.length() + beyond, found.words.len());
+            let whole = &found.words[..found.head.length()];
+            let mut verification = Verification::default();
+            let verified = core::iter::repeat_with(|| verification.step(whole)).find_map(|told| told);
+            prop_assert_eq!(verified, Some(true));
             let found = found.mission();
             prop_assert_eq!((found.origin(), found.end()), (written.origin, written.end));
             prop_assert_eq!(found.fence(), written.fence);

@@ -13,7 +13,7 @@
 //! to wait, and ends a reception [`Receiver::wait`] by its count of calls. Unused bytes are [`PADDING`].
 
 /// Consecutive frames between two flow controls. The queue in front of the receiver has room for so many.
-pub const BLOCK: u8 = 16;
+pub const BLOCK: u8 = 6;
 
 /// Fills frames up to eight bytes (ISO 15765-2:2016, 10.4.2.1).
 pub const PADDING: u8 = 0xCC;

@@ -137,6 +137,13 @@ impl Work {
         }
     }
 
+    /// Begins again with the first leg. The path so far must be forgotten, too.
+    pub fn restart(&mut self) {
+        if let Stage::Planning(planner) = &mut self.stage {
+            *planner = Planner::new(self.settings);
+        }
+    }
+
     /// A short step of the work. Returns the next piece of the path, once.
     pub fn step(&mut self, at: At) -> Option<Piece<f32>> {
         match &self.recorded {

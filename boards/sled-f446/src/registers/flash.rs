@@ -113,9 +113,10 @@ impl Open<'_> {
     pub fn erase(&self, upper: bool) -> bool {
         let sector = FIRST_SECTOR + u8::from(upper);
         // SAFETY: a size that the supply allows, and a sector that holds no part of an image.
-        self.0.cr().write(|w| unsafe {
+        self.0.cr().modify(|_, w| unsafe {
             w.psize().bits(WORD);
             w.snb().bits(sector);
+            w.pg().clear_bit();
             w.ser().set_bit()
         });
         self.0.cr().modify(|_, w| w.strt().set_bit());
@@ -134,9 +135,11 @@ impl Open<'_> {
         }
         let address = (place.base + half) as usize + 4 * at;
         // SAFETY: a size that the supply allows.
-        self.0
-            .cr()
-            .write(|w| unsafe { w.psize().bits(WORD) }.pg().set_bit());
+        self.0.cr().modify(|_, w| unsafe {
+            w.psize().bits(WORD);
+            w.ser().clear_bit();
+            w.pg().set_bit()
+        });
         let target = address as *mut u32;
         // SAFETY: a word of the place for missions, aligned, which no image uses and nobody reads meanwhile.
         unsafe { target.write_volatile(word) };

@@ -16,7 +16,7 @@
 //! | `display_dma` | DMA1 stream 3 | 2 | end of the display's string |
 //! | `display_tick` | TIM4 | 2 | 5 Hz, and when a node is in trouble: builds and sends the display's string |
 //! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `plan` | EXTI0, pended by software | 1 | with missions only: their path, ahead of the vehicle |
+//! | `plan` | EXTI0, pended by software | 1 | with missions only: requests, and the path ahead of the vehicle |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -54,6 +54,8 @@ mod app {
     use uagv::design::{CONTROL_RELEASE, REMOTE};
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
+    #[cfg(mission)]
+    use uagv::messages::{MissionAnswer, MissionEvent};
     // RTIC names the type of a resource even where it is switched off.
     use uagv::mission;
     use uagv::wire::{self, Record};
@@ -83,6 +85,8 @@ mod app {
         console: board::console::Console,
         /// The last self-test.
         test: Option<Report>,
+        /// Requests for the mission.
+        requests: mission::Requests,
     }
 
     #[local]
@@ -99,9 +103,11 @@ mod app {
         log: Log,
         #[cfg(mission)]
         mission: mission::Plan,
+        #[cfg(mission)]
+        flash: board::flash::Writer,
     }
 
-    #[init(local = [stack: Option<Stack> = None])]
+    #[init(local = [stack: Option<Stack> = None, words: mission::Words = mission::Words::new()])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
         let sled = uagv::start(cx.device);
@@ -126,7 +132,8 @@ mod app {
         };
         guide::set_secret(&mut pilot, start.secret);
         #[cfg(mission)]
-        let Ok(mission) = mission::plan(&mut pilot, sled.mission) else {
+        let Ok(mission) = mission::plan(&mut pilot, sled.mission, cx.local.words, &start.secret)
+        else {
             fault::stop(Fault::Start)
         };
         link.release_in(BASIC_CYCLE);
@@ -147,6 +154,7 @@ mod app {
                 supervision: Supervision::default(),
                 console: sled.console,
                 test: None,
+                requests: mission::Requests::new(),
             },
             Local {
                 joystick: operator.joystick,
@@ -168,6 +176,8 @@ mod app {
                 log: Log::new(&start),
                 #[cfg(mission)]
                 mission,
+                #[cfg(mission)]
+                flash: sled.flash,
             },
         )
     }
@@ -179,11 +189,12 @@ mod app {
         }
     }
 
-    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
-    fn can_rx(mut cx: can_rx::Context) {
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link, requests])]
+    fn can_rx(cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        cx.shared.link.lock(|link| {
-            if link.on_receive(stamp).reference {
+        (cx.shared.link, cx.shared.requests).lock(|link, requests| {
+            let news = link.on_receive_keeping(stamp, |frame| requests.push(frame));
+            if news.reference {
                 link.release_at(CONTROL_RELEASE);
             }
         });
@@ -397,15 +408,39 @@ mod app {
 
     /// Deadline: the window of its message.
     #[cfg(mission)]
-    #[task(binds = EXTI0, priority = 1, shared = [link, driving], local = [mission])]
+    #[task(binds = EXTI0, priority = 1, shared = [link, driving, requests], local = [mission, flash])]
     fn plan(cx: plan::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
+        let mut requests = cx.shared.requests;
         let plan = cx.local.mission;
+        let look = driving.lock(|driving| mission::look(&driving.pilot));
+        // loop-bound: 10. mission::FRAMES.
+        for _ in 0..mission::FRAMES {
+            let frame = requests.lock(mission::Requests::pop);
+            if let Some(effect) = plan.read(frame, look) {
+                driving.lock(|driving| mission::apply(&mut driving.pilot, effect));
+            }
+        }
+        // loop-bound: 2. mission::ANSWERS.
+        for _ in 0..mission::ANSWERS {
+            if let Some(answer) = plan.answer() {
+                // Whoever gets no answer asks again.
+                let _ = link.lock(|link| {
+                    link.queue_event(MissionAnswer::ID, &answer, design::EVENT_LIFETIME)
+                });
+            }
+        }
+        if let Some(event) = plan.event(look) {
+            let _ = link
+                .lock(|link| link.queue_event(MissionEvent::ID, &event, design::EVENT_LIFETIME));
+        }
         // loop-bound: 4. mission::STEPS.
         for _ in 0..mission::STEPS {
             // Sections of their own: a step of the planning takes long.
             let at = driving.lock(|driving| mission::at(&mut driving.pilot));
-            if let Some(piece) = plan.step(at) {
+            if plan.is_checking() {
+                plan.check(look);
+            } else if let Some(piece) = plan.step(at) {
                 driving.lock(|driving| mission::push(&mut driving.pilot, piece));
             }
         }
@@ -413,6 +448,17 @@ mod app {
         let seen = driving.lock(|driving| mission::see(&driving.pilot));
         let told = plan.tell(&seen);
         link.lock(|link| link.put(window::MISSION_STATE, told));
+        if let Some(written) = plan.written(look) {
+            link.lock(|link| {
+                link.leave();
+                firmware::mission::replace(
+                    cx.local.flash,
+                    written.place,
+                    written.number,
+                    written.record,
+                )
+            });
+        }
     }
 
     #[task(binds = EXTI3, priority = 1, shared = [link, driving, supervision, console, test], local = [log])]
