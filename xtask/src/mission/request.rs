@@ -8,7 +8,7 @@ use firmware::mission::{
     transport::{SINGLE, Sender, single},
     upload::{Outcome, Reason, Request},
 };
-use network_model::{Message, Network};
+use network_model::{Message, Network, WindowKind};
 use vehicle_model::Vehicle;
 
 use crate::selftest::{
@@ -16,20 +16,20 @@ use crate::selftest::{
     schedule::{self, Begin},
 };
 
-/// How long to wait for a reference message, and for the first answer.
+/// How long to wait for a reference message.
 const PATIENCE: Duration = Duration::from_secs(6);
 
 /// How long the vehicle may be silent while it checks a mission: it tells of that once a second.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// How long an answer takes from a node that is there.
-const ANSWER: Duration = Duration::from_millis(1500);
+/// How long the first answer takes from a node that is there, if the request was in its window.
+const ANSWER: Duration = Duration::from_secs(1);
 
 /// How long the flash takes at most, and the node to start again.
 const WRITING: Duration = Duration::from_secs(12);
 
-/// How often a request is tried.
-const TRIES: u8 = 4;
+/// How often a request is tried that nobody answers, and an upload of which frames are lost.
+const TRIES: u8 = 10;
 
 /// Frames that may be sent in a basic cycle, as the network file says of the message.
 const FRAMES: u32 = 6;
@@ -149,12 +149,14 @@ pub struct Client<'a> {
     request: &'a Message,
     answer: &'a Message,
     tell: &'a mut dyn FnMut(Told),
-    /// The basic cycle that runs, and how many frames it has had.
+    /// The last message in front of the window, after which it is open for certain.
+    before: Option<u16>,
+    /// The basic cycle that runs, whether that message has come in it, and how many frames it has had.
     begin: Option<Begin>,
+    open: bool,
     sent: u32,
     round: u8,
     state: Option<State>,
-    patience: Duration,
 }
 
 /// A frame that concerns a request.
@@ -176,17 +178,26 @@ impl<'a> Client<'a> {
         let network = vehicle.network();
         let find = |name: &str| network.messages.iter().find(|one| one.name == name);
         let none = || Error::NoMessages(vehicle.name().into());
+        let request = find("MissionRequest").ok_or_else(none)?;
+        let earlier = network.messages.iter().filter(|one| {
+            let window = one.window;
+            let always = window.repeat <= 1 && window.start_us < request.window.start_us;
+            window.kind == WindowKind::Exclusive && always
+        });
         Ok(Self {
-            request: find("MissionRequest").ok_or_else(none)?,
+            before: earlier
+                .max_by_key(|one| one.window.start_us)
+                .map(|one| one.id),
+            request,
             answer: find("MissionAnswer").ok_or_else(none)?,
             network,
             transport,
             tell,
             begin: None,
+            open: false,
             sent: 0,
             round: 0,
             state: None,
-            patience: PATIENCE,
         })
     }
 
@@ -240,12 +251,11 @@ impl<'a> Client<'a> {
         while self.transport.now() < quiet {
             self.hear(quiet)?;
         }
-        self.patience = ANSWER;
         loop {
-            match self.ask(Request::State, &[]) {
+            match self.exchange(&[Request::State.code(), self.round]) {
                 Ok(answer) if answer.number != before => return Ok(answer.number),
                 Ok(_) if self.transport.now() >= end => return Err(Error::NotKept),
-                Err(Error::NoAnswer | Error::NoReference) if self.transport.now() < end => {}
+                Err(Error::NoAnswer) if self.transport.now() < end => {}
                 Ok(_) => {}
                 Err(error) => return Err(error),
             }
@@ -254,6 +264,13 @@ impl<'a> Client<'a> {
 
     /// Sends a request and waits for its last answer. One that was lost on the way is sent again.
     fn ask(&mut self, request: Request, record: &[u8]) -> Result<Answer, Error> {
+        let end = self.transport.now() + PATIENCE;
+        while self.begin.is_none() {
+            if self.transport.now() >= end {
+                return Err(Error::NoReference);
+            }
+            self.hear(end)?;
+        }
         let mut tries = 0;
         loop {
             tries += 1;
@@ -263,19 +280,20 @@ impl<'a> Client<'a> {
                 message.extend([0, 0]);
                 message.extend(record);
             }
-            let lost = match self.exchange(&message) {
+            let told = self.exchange(&message);
+            let again = match &told {
                 Err(Error::Refused(refusal)) => {
                     let lost = [Reason::Sequence, Reason::Silence, Reason::Interrupted];
-                    if tries >= TRIES || !lost.iter().any(|one| refusal.reason == Some(*one)) {
-                        return Err(Error::Refused(refusal));
-                    }
-                    true
+                    lost.iter().any(|one| refusal.reason == Some(*one))
                 }
-                Err(Error::Silent(_)) if tries < TRIES && !record.is_empty() => true,
-                Err(Error::NoAnswer) if tries < 2 => false,
-                told => return told,
+                Err(Error::Silent(_)) => !record.is_empty(),
+                Err(Error::NoAnswer) => true,
+                _ => false,
             };
-            if lost {
+            if !again || tries >= TRIES {
+                return told;
+            }
+            if !matches!(told, Err(Error::NoAnswer)) {
                 (self.tell)(Told::Again);
             }
         }
@@ -284,16 +302,15 @@ impl<'a> Client<'a> {
     /// Sends a message, and waits for its last answer.
     fn exchange(&mut self, message: &[u8]) -> Result<Answer, Error> {
         let mut sender = Sender::new(message);
-        let mut end = self.transport.now() + self.patience;
+        let mut end = self.transport.now() + ANSWER;
         let mut waits: Result<(), &'static str> = Ok(());
         loop {
             self.send(&mut sender)?;
             let now = self.transport.now();
             if now >= end {
-                return Err(match (waits, self.begin) {
-                    (Err(doing), _) => Error::Silent(doing),
-                    (Ok(()), None) => Error::NoReference,
-                    (Ok(()), Some(_)) => Error::NoAnswer,
+                return Err(match waits {
+                    Err(doing) => Error::Silent(doing),
+                    Ok(()) => Error::NoAnswer,
                 });
             }
             let answer = match self.hear(end.min(now + TOLD))? {
@@ -324,7 +341,13 @@ impl<'a> Client<'a> {
         let Some(begin) = self.begin else {
             return Ok(());
         };
-        if sender.is_done() || sender.waits() || !schedule::has_window(self.request, begin.cycle) {
+        // A computer that hears frames late, or a simulation that is slower than time, would send into the windows of
+        // others otherwise.
+        if !self.open
+            || sender.is_done()
+            || sender.waits()
+            || !schedule::has_window(self.request, begin.cycle)
+        {
             return Ok(());
         }
         let (sent, length) = sender.progress();
@@ -372,9 +395,16 @@ impl<'a> Client<'a> {
         };
         if let Some(begin) = schedule::begin(self.network, &received.frame, received.at) {
             self.begin = Some(begin);
+            self.open = self.before.is_none();
             self.sent = 0;
             return Ok(None);
         }
+        let begun = schedule::cycle_of(self.network, &received.frame, received.at);
+        if let (Some(begin), Some(begun)) = (&mut self.begin, begun) {
+            begin.at = begin.at.max(begun);
+        }
+        let message = schedule::message(self.network, &received.frame);
+        self.open |= message.is_some_and(|message| Some(message.id) == self.before);
         self.look(&received.frame);
         Ok(self.answer_in(&received.frame))
     }

@@ -46,6 +46,14 @@ pub(crate) fn begin(network: &Network, frame: &Frame, end: Duration) -> Option<B
     })
 }
 
+/// When the basic cycle has begun in whose exclusive window this frame ended at `end`. A program that hears frames late
+/// knows by the last one how far the bus is.
+pub(crate) fn cycle_of(network: &Network, frame: &Frame, end: Duration) -> Option<Duration> {
+    let window = message(network, frame)?.window;
+    let before = micros(window.start_us) + duration(network, frame);
+    (window.kind == WindowKind::Exclusive).then(|| end.saturating_sub(before))
+}
+
 /// How long a frame takes on the bus.
 fn duration(network: &Network, frame: &Frame) -> Duration {
     let bits = WireFrame::encode(frame).bits() as u64;
