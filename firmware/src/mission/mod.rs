@@ -6,12 +6,14 @@
 mod record;
 #[cfg(feature = "f446")]
 mod replace;
+mod shown;
 pub mod store;
 pub mod transport;
 pub mod upload;
 mod work;
 
 pub use record::{FORMAT, Head, Kept, Recorded, Stored, Verification, dropped, words};
+pub use shown::{Shown, Stage};
 pub use work::{At, State, Work};
 
 #[cfg(feature = "f446")]

@@ -128,9 +128,9 @@ impl Outcome {
     }
 }
 
-/// Names each code with its reason and its sentence.
+/// Names each code with its reason, in a word or two for the display, and in a part of a sentence.
 macro_rules! reasons {
-    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $short:literal, $text:literal;)*) => {
         /// Why a request or a mission is refused.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[cfg_attr(feature = "target", derive(defmt::Format))]
@@ -148,6 +148,13 @@ macro_rules! reasons {
                 self as u8
             }
 
+            /// In up to 10 characters, for the display.
+            pub const fn short(self) -> &'static str {
+                match self {
+                    $(Self::$name => $short,)*
+                }
+            }
+
             /// In words, as a part of a sentence.
             pub const fn text(self) -> &'static str {
                 match self {
@@ -160,65 +167,65 @@ macro_rules! reasons {
 
 reasons! {
     /// It is not refused.
-    None = 0, "nothing is wrong";
+    None = 0, "nothing", "nothing is wrong";
     /// There is no such request.
-    Unknown = 1, "the vehicle does not know the request";
+    Unknown = 1, "request", "the vehicle does not know the request";
     /// The nodes have a key, and requests have no tag.
-    Key = 2, "the nodes have a key: a mission then comes by the debug probe";
+    Key = 2, "key", "the nodes have a key: a mission then comes by the debug probe";
     /// An uploaded mission is being checked or written.
-    Busy = 3, "an uploaded mission is being checked or written";
+    Busy = 3, "busy", "an uploaded mission is being checked or written";
     /// A run goes, or somebody drives the vehicle.
-    Running = 4, "the vehicle is driven: end the run first";
+    Running = 4, "in a run", "the vehicle is driven: end the run first";
     /// The vehicle moves.
-    Moving = 5, "the vehicle moves";
+    Moving = 5, "moving", "the vehicle moves";
     /// No run goes.
-    NoRun = 6, "no run goes";
+    NoRun = 6, "no run", "no run goes";
     /// The run is not paused.
-    NotPaused = 7, "the run is not paused";
+    NotPaused = 7, "not paused", "the run is not paused";
     /// There is no mission.
-    NoMission = 8, "the vehicle has no mission";
+    NoMission = 8, "no mission", "the vehicle has no mission";
     /// The mission is being checked, was refused, or ends in the middle.
-    NotReady = 9, "the mission cannot be driven, or is still being checked";
+    NotReady = 9, "not ready", "the mission cannot be driven, or is still being checked";
     /// A frame was lost or came twice.
-    Sequence = 16, "a frame was lost on the way";
+    Sequence = 16, "frame lost", "a frame was lost on the way";
     /// The sender has stopped in the middle.
-    Silence = 17, "the upload has stopped in the middle";
+    Silence = 17, "cut off", "the upload has stopped in the middle";
     /// Another request came before the end.
-    Interrupted = 18, "another request came before the end of the upload";
+    Interrupted = 18, "cut short", "another request came before the end of the upload";
     /// It is longer than the RAM for it.
-    TooLong = 19, "it is longer than an upload may be: the debug probe writes longer ones";
+    TooLong = 19, "too long", "it is longer than an upload may be: the debug probe writes longer ones";
     /// It is no record of this format, or is damaged.
-    Format = 20, "it is no record of a mission, or damaged";
+    Format = 20, "damaged", "it is no record of a mission, or damaged";
     /// The vehicle's own settings are not usable.
-    Settings = 32, "the vehicle's settings are not usable";
+    Settings = 32, "settings", "the vehicle's settings are not usable";
     /// The number of legs.
-    Count = 33, "it has no leg or too many";
+    Count = 33, "legs", "it has no leg or too many";
     /// The corners of the fence.
-    Fence = 34, "its fence is not usable";
+    Fence = 34, "fence", "its fence is not usable";
     /// [`Fault::NotFinite`].
-    NotFinite = 35, "a number is not finite";
+    NotFinite = 35, "number", "a number is not finite";
     /// [`Fault::TooFar`].
-    TooFar = 36, "it is too far from the origin";
+    TooFar = 36, "too far", "it is too far from the origin";
     /// [`Fault::Length`].
-    Length = 37, "it is too short or too long";
+    Length = 37, "length", "it is too short or too long";
     /// [`Fault::Speed`].
-    Speed = 38, "its speed is not positive or above the vehicle's";
+    Speed = 38, "speed", "its speed is not positive or above the vehicle's";
     /// [`Fault::Curvature`].
-    Curvature = 39, "its curvature is more than the vehicle can steer";
+    Curvature = 39, "curvature", "its curvature is more than the vehicle can steer";
     /// [`Fault::Sharpness`].
-    Sharpness = 40, "its curvature changes faster than the steering";
+    Sharpness = 40, "sharpness", "its curvature changes faster than the steering";
     /// [`Fault::Outside`].
-    Outside = 41, "the vehicle would leave the fence";
+    Outside = 41, "off fence", "the vehicle would leave the fence";
     /// [`Fault::JoinPosition`].
-    JoinPosition = 42, "the next leg does not begin where it ends";
+    JoinPosition = 42, "gap", "the next leg does not begin where it ends";
     /// [`Fault::JoinHeading`].
-    JoinHeading = 43, "the next leg does not begin with its last heading";
+    JoinHeading = 43, "kink", "the next leg does not begin with its last heading";
     /// [`Fault::JoinCurvature`].
-    JoinCurvature = 44, "the next leg or turn does not begin with its last curvature";
+    JoinCurvature = 44, "bend", "the next leg or turn does not begin with its last curvature";
     /// [`Fault::Turn`]: there is no room for it.
-    NoRoom = 45, "there is no room for the turn to the next leg";
+    NoRoom = 45, "turn room", "there is no room for the turn to the next leg";
     /// [`Fault::Turn`]: it is not usable otherwise.
-    Turn = 46, "there is no turn to the next leg";
+    Turn = 46, "turn", "there is no turn to the next leg";
 }
 
 impl Reason {
@@ -1109,8 +1116,9 @@ mod tests {
             assert!(
                 Reason::ALL[..at]
                     .iter()
-                    .all(|other| other.text() != reason.text())
+                    .all(|other| other.text() != reason.text() && other.short() != reason.short())
             );
+            assert!(reason.short().len() <= 10);
         }
         for request in Request::ALL {
             assert_eq!(Request::of(request.code()), Some(request));

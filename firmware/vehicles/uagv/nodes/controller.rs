@@ -71,6 +71,8 @@ mod app {
         change: Option<Change>,
         /// Which of the other nodes does not do its part on the bus.
         trouble: Option<Trouble>,
+        /// What the operator sees of the mission.
+        shown: mission::Shown,
     }
 
     #[shared]
@@ -148,6 +150,7 @@ mod app {
                     axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
                     change: None,
                     trouble: None,
+                    shown: mission::Shown::default(),
                 },
                 lcd: operator.lcd,
                 refresh_due: false,
@@ -347,13 +350,13 @@ mod app {
         let mut link = cx.shared.link;
         let mut driving = cx.shared.driving;
         let (time, bus) = link.lock(|link| (link.system_time(), link.node().is_alive()));
-        let view = driving.lock(|driving| {
+        let (view, shown) = driving.lock(|driving| {
             let trouble = driving.trouble.map(|trouble| trouble.named(&NAMES));
-            driving.pilot.view(time, bus, trouble)
+            (driving.pilot.view(time, bus, trouble), driving.shown)
         });
         let screen = cx.local.screen;
         screen.clear();
-        display::write::<Lk204>(screen, &view);
+        display::write::<Lk204>(screen, &view, &shown);
         let (mut lcd, mut supervision) = (cx.shared.lcd, cx.shared.supervision);
         let sent = lcd.lock(|lcd| {
             let idle = !lcd.is_busy();
@@ -446,6 +449,8 @@ mod app {
         }
         // A copy, so that the lock is short.
         let seen = driving.lock(|driving| mission::see(&driving.pilot));
+        let shown = plan.shown(&seen, look);
+        driving.lock(|driving| driving.shown = shown);
         let told = plan.tell(&seen);
         link.lock(|link| link.put(window::MISSION_STATE, told));
         if let Some(written) = plan.written(look) {

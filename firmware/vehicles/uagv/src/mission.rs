@@ -6,11 +6,12 @@ use control::route::Route as _;
 use firmware::convert;
 use firmware::e2e::Secret;
 use firmware::machine::Machine;
+pub use firmware::mission::Shown;
 use firmware::mission::store::{self, Place};
 use firmware::mission::upload::{
     self, Effect, Event, Inbox, Job, Outcome, Reason, Session, Situation,
 };
-use firmware::mission::{At, State, Stored, Work, dropped};
+use firmware::mission::{At, Stage, State, Stored, Work, dropped};
 use network::Message;
 use ttcan::Frame;
 
@@ -333,6 +334,33 @@ impl Plan {
     #[inline(never)]
     pub fn step(&mut self, at: At) -> Option<Piece<f32>> {
         self.work.step(at)
+    }
+
+    /// What the operator sees of the mission.
+    #[inline(never)]
+    pub fn shown(&self, seen: &Seen, look: Look) -> Shown {
+        let place = seen.route.whereabouts(&seen.progress).unwrap_or_default();
+        let (reason, at_fault) = self.situation(look).refused;
+        let small = |number: usize| number.min(usize::from(u16::MAX - 1)) as u16;
+        let request = self.session.last();
+        Shown {
+            number: self.kept.number as u16,
+            stage: match self.work.state() {
+                State::Checking => Stage::Checking,
+                State::Refused | State::Stuck | State::Damaged => Stage::Refused(reason),
+                State::Ready if seen.progress.finished => Stage::Finished,
+                State::Ready if seen.running && seen.route.is_paused() => Stage::Paused,
+                State::Ready if seen.running => Stage::Driving,
+                State::Ready => Stage::Ready,
+            },
+            leg: if reason == Reason::None {
+                small(place.leg)
+            } else {
+                at_fault
+            },
+            legs: small(self.work.count()),
+            request: (request != Reason::None).then_some(request),
+        }
     }
 
     /// The message about the mission, from what the pilot does. Call it once in each basic cycle.

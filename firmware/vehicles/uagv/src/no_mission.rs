@@ -5,6 +5,9 @@ use ttcan::Frame;
 /// Nothing to plan.
 pub type Plan = ();
 
+/// Nothing to show.
+pub type Shown = ();
+
 /// Nothing to receive.
 #[derive(Debug)]
 pub struct Words;
