@@ -711,8 +711,13 @@ pub enum Mission {
     cargo xtask mission resume --bus slcan:target/bus    the link of `cargo xtask sim --can slcan:target/bus`\n\n\
     A request sets no vehicle in motion that its operator has not set to a run.")]
 pub struct OnMissionBus {
-    /// Where the vehicle is: socketcan:INTERFACE or slcan:PORT[@BAUD]
-    #[arg(long, value_name = "BUS", value_parser = real_bus)]
+    /// Where the vehicle is.
+    #[arg(
+        long,
+        value_name = "BUS",
+        value_parser = real_bus,
+        help = "Where the vehicle is: socketcan:INTERFACE or slcan:PORT[@BAUD]"
+    )]
     pub bus: Bus,
     /// Vehicle, a folder below firmware/vehicles [default: uagv]
     #[arg(long, value_name = "NAME")]
