@@ -736,7 +736,7 @@ mod tests {
         assert_eq!(
             Sled::F446.linker_script().to_string(),
             "MEMORY\n{\n  \
-             FLASH : ORIGIN = 0x08000000, LENGTH = 262144\n  \
+             FLASH : ORIGIN = 0x08000000, LENGTH = 131072\n  \
              STACK : ORIGIN = 0x20000000, LENGTH = 16384\n  \
              RAM   : ORIGIN = 0x20004000, LENGTH = 114688\n}\n\n\
              _stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n\
