@@ -139,8 +139,21 @@ impl View {
     }
 }
 
+/// What a node tells on the last row besides what all do.
+pub trait More {
+    /// Writes it at system time `time`, ms. False, and nothing written, while others have their turn.
+    fn row(&self, text: &mut Text<COLUMNS>, time: u32) -> bool;
+}
+
+impl More for () {
+    #[inline(always)]
+    fn row(&self, _: &mut Text<COLUMNS>, _: u32) -> bool {
+        false
+    }
+}
+
 /// Writes a full screen.
-pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
+pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View, more: &impl More) {
     L::prepare(text);
     // The row that names a node in trouble comes first: a screen takes 63 ms.
     let first = if view.trouble.is_some() { ROWS - 1 } else { 0 };
@@ -148,7 +161,7 @@ pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
     for turn in 0..ROWS {
         let row = (turn + first) % ROWS;
         L::begin(text, row);
-        let content = content(row, view);
+        let content = content(row, view, more);
         // A row is overwritten to its end; what does not fit is cut.
         // loop-bound: 20 characters
         for column in 0..COLUMNS {
@@ -163,10 +176,10 @@ pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
 }
 
 /// How long the last row shows the same, ms.
-const PAGE: u32 = 2000;
+pub const PAGE: u32 = 2000;
 
 /// The text of a row. The last one changes its contents, unless there is trouble to tell, or why a run ended.
-fn content(row: u8, view: &View) -> Text<COLUMNS> {
+fn content(row: u8, view: &View, more: &impl More) -> Text<COLUMNS> {
     let mut text = Text::new();
     let tracking = &view.tracking;
     let tenths = |angle: f32| convert::millidegrees(angle) / 100;
@@ -188,6 +201,7 @@ fn content(row: u8, view: &View) -> Text<COLUMNS> {
             None if view.ended_by_vehicle() => {
                 text.str("ended: ").str(view.reason.text());
             }
+            None if more.row(&mut text, view.time) => {}
             None => page(&mut text, view),
         },
     }
@@ -304,14 +318,14 @@ mod tests {
     /// The string of commands.
     fn commands(view: &View) -> Vec<u8> {
         let mut text = Text::new();
-        write::<Lk204>(&mut text, view);
+        write::<Lk204>(&mut text, view, &());
         assert!(!text.is_cut());
         text.as_bytes().to_vec()
     }
 
     /// The four rows.
     fn shown(view: &View) -> Vec<String> {
-        let row = |row| content(row, view).as_bytes().to_vec();
+        let row = |row| content(row, view, &()).as_bytes().to_vec();
         (0..ROWS)
             .map(|at| String::from_utf8(row(at)).unwrap())
             .collect()

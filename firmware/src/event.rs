@@ -607,6 +607,11 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         self.load_free();
     }
 
+    /// Leaves the bus for good: only a start brings the node back.
+    pub fn leave(&mut self) {
+        self.port.leave_bus();
+    }
+
     /// Whether [`Link::start`] was called.
     pub const fn is_started(&self) -> bool {
         self.started
@@ -615,6 +620,12 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
     /// Receive interrupt: takes one frame. The interrupt stays pending while the FIFO holds
     /// frames. `stamp` is the time base, which the task reads before anything else.
     pub fn on_receive(&mut self, stamp: u32) -> News {
+        self.on_receive_keeping(stamp, |_| {})
+    }
+
+    /// The same. `keep` gets each message that has no window of its own and is not the one that the node waits for.
+    #[inline(always)]
+    pub fn on_receive_keeping(&mut self, stamp: u32, keep: impl FnOnce(&Frame)) -> News {
         let mut news = News::default();
         if self.port.take_overrun() {
             self.counters.overruns = self.counters.overruns.wrapping_add(1);
@@ -636,6 +647,8 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
             news.event = true;
         } else if let Some(window) = self.window_of(frame.id()) {
             news.windows = self.take_in(window, frame, stamp);
+        } else {
+            keep(&frame);
         }
         news
     }

@@ -398,6 +398,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// Receive interrupt: takes one frame. The interrupt stays pending while the FIFO holds
     /// frames. `stamp` is the time base, which the task reads before anything else.
     pub fn on_receive(&mut self, stamp: u32) -> News {
+        self.on_receive_keeping(stamp, |_| {})
+    }
+
+    /// The same. `keep` gets each event message that the node does not wait for.
+    #[inline(always)]
+    pub fn on_receive_keeping(&mut self, stamp: u32, keep: impl FnOnce(&Frame)) -> News {
         let mut news = News::default();
         if self.presence == Presence::Listening {
             self.listen(stamp);
@@ -441,6 +447,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
                 if self.awaited == Some(frame.id()) {
                     self.event = Some(frame);
                     news.event = true;
+                } else {
+                    keep(&frame);
                 }
             }
             Reception::Fault(_) => {}
@@ -823,6 +831,11 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             time: self.cycle_time,
             alive,
         }
+    }
+
+    /// Leaves the bus for good: only a start brings the node back.
+    pub fn leave(&mut self) {
+        self.port.leave_bus();
     }
 
     /// Waits for an event message with this identifier.

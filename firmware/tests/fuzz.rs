@@ -1,4 +1,4 @@
-//! The fuzz target with random bytes. `cargo +nightly fuzz run protection` in `firmware` runs more.
+//! The fuzz targets with random bytes. `cargo +nightly fuzz run protection` in `firmware`, or `requests`, runs more.
 
 #[path = "support/fuzzing.rs"]
 #[expect(unreachable_pub, reason = "a library of its own for `fuzz/`")]
@@ -15,6 +15,19 @@ proptest! {
     ) {
         let bytes = steps.iter().flat_map(|(code, data)| std::iter::once(*code).chain(*data));
         fuzzing::protection(&bytes.collect::<Vec<u8>>());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(500))]
+
+    #[test]
+    fn no_requests_do_what_the_situation_forbids(
+        first: u8, steps in proptest::collection::vec((any::<u8>(), any::<[u8; 8]>()), 0..60),
+    ) {
+        let steps = steps.iter().flat_map(|(code, data)| std::iter::once(*code).chain(*data));
+        let bytes: Vec<u8> = std::iter::once(first).chain(steps).collect();
+        fuzzing::requests(&bytes);
     }
 }
 

@@ -40,10 +40,8 @@ fn run(record: Option<Vec<u8>>, length: f64) -> (Scenario, Outcome) {
     let images = match record {
         Some(record) => {
             mission().begin(&mut scenario);
-            let loaded = Loaded {
-                record,
-                ..mission().clone()
-            };
+            let mut loaded = mission().clone();
+            loaded.record = record;
             loaded.with_images(images.clone(), vehicle)
         }
         None => images.clone(),

@@ -684,12 +684,106 @@ pub struct Figures {
 #[command(after_help = "Examples:\n  \
     cargo xtask mission new --from field.geojson --width 3 --section 1 --picture field.svg --out field.toml\n  \
     cargo xtask mission check field.toml\n  \
-    cargo xtask sim --mission field.toml --seconds 420    drive it with the release images")]
+    cargo xtask sim --mission field.toml --seconds 420            drive it with the release images\n  \
+    cargo xtask mission upload field.toml --bus socketcan:can0    send it to a vehicle, which checks and keeps it\n  \
+    cargo xtask mission pause --bus socketcan:can0                the vehicle stops on its path until `resume`")]
 pub enum Mission {
     /// Make a mission file from a field's boundary, from guidance lines, or from the vehicle's waypoints
     New(NewMission),
     /// Check whether a vehicle can drive a mission
     Check(CheckMission),
+    /// Send a mission to a vehicle by its bus; the next run drives it
+    Upload(UploadMission),
+    /// Let the next run begin with the first leg
+    Start(OnMissionBus),
+    /// Let the vehicle stop on its path
+    Pause(OnMissionBus),
+    /// Let a paused run go on
+    Resume(OnMissionBus),
+    /// Let the vehicle forget its mission
+    Drop(OnMissionBus),
+    /// Ask what the vehicle does of its mission
+    State(OnMissionBus),
+    /// Write a mission to the controller's board with probe-rs
+    Flash(FlashMission),
+}
+
+/// The bus of a vehicle that has missions.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission state --bus socketcan:can0\n  \
+    cargo xtask mission pause --bus slcan:/dev/ttyACM0\n  \
+    cargo xtask mission resume --bus slcan:target/bus    the link of `cargo xtask sim --can slcan:target/bus`\n\n\
+    A request sets no vehicle in motion that its operator has not set to a run.")]
+pub struct OnMissionBus {
+    /// Where the vehicle is.
+    #[arg(
+        long,
+        value_name = "BUS",
+        value_parser = real_bus,
+        help = "Where the vehicle is: socketcan:INTERFACE or slcan:PORT[@BAUD]"
+    )]
+    pub bus: Bus,
+    /// Vehicle, a folder below firmware/vehicles [default: uagv]
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Option<String>,
+    /// Value in place of the manifest's, as in its images; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
+    pub set: Vec<Override>,
+}
+
+/// Reads a bus that is there already.
+fn real_bus(text: &str) -> Result<Bus, String> {
+    match text.parse() {
+        Ok(bus) if bus != Bus::Twin => Ok(bus),
+        _ => Err(
+            "socketcan:INTERFACE or slcan:PORT[@BAUD] is accepted, for the virtual vehicle the link of a run with --can"
+                .into(),
+        ),
+    }
+}
+
+/// Options of `mission upload`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission upload field.toml --bus socketcan:can0\n  \
+    cargo xtask mission upload field.toml --bus slcan:/dev/ttyACM0 --check    let the vehicle check it only\n  \
+    cargo xtask sim --set mission.enabled=true --can slcan:target/bus         and beside it\n  \
+    cargo xtask mission upload field.toml --bus slcan:target/bus              to the virtual vehicle\n\n\
+    The vehicle checks the mission, which takes a second or so for each swath, leaves the bus for up to\n\
+    three seconds to write its flash, and starts anew. It takes a mission only while it stands and no run\n\
+    goes, and refuses one that it cannot drive. Whatever goes wrong, it keeps the mission that it had.")]
+pub struct UploadMission {
+    /// The mission file
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Let the vehicle check the mission, and not keep it
+    #[arg(long)]
+    pub check: bool,
+    /// The bus.
+    #[command(flatten)]
+    pub on: OnMissionBus,
+}
+
+/// Options of `mission flash`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask mission flash field.toml\n  \
+    cargo xtask mission flash field.toml --dry-run    show the commands\n\n\
+    For vehicles whose nodes have a key, and for missions that are longer than an upload may be.")]
+pub struct FlashMission {
+    /// The mission file
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// Serial number of the board's debug probe, when several are connected
+    #[arg(long, value_name = "SERIAL")]
+    pub probe: Option<String>,
+    /// Print the commands instead of running them
+    #[arg(long)]
+    pub dry_run: bool,
 }
 
 /// Options of `mission new`.

@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, board, build, campaigns, cli, experiment, figures, file, keys, monitor, new,
-    probe, schedulability, selftest, sim, size, target, test, vehicle, workspace,
+    audit, bench, board, build, campaigns, cli, experiment, figures, file, keys, mission, monitor,
+    new, probe, schedulability, selftest, sim, size, target, test, vehicle, workspace,
 };
 
 /// Why a command ends without success; displays as one sentence.
@@ -38,6 +38,9 @@ pub enum Failure {
     /// `keys`.
     #[error(transparent)]
     Keys(#[from] keys::Error),
+    /// `mission upload` and the others on a bus.
+    #[error(transparent)]
+    Mission(#[from] mission::Error),
     /// `monitor`.
     #[error(transparent)]
     Monitor(#[from] monitor::Error),
@@ -97,6 +100,7 @@ impl Failure {
             Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
             Failure::Bench(error) => error.is_usage(),
             Failure::Keys(error) => error.is_usage(),
+            Failure::Mission(error) => error.is_usage(),
             Failure::Monitor(error) => error.is_usage(),
             Failure::New(error) => error.is_usage(),
             Failure::Experiment(error) => error.is_usage(),

@@ -198,8 +198,8 @@ pub struct Sled {
     /// The last erase unit of the flash, which is for the key of the network and holds no part of an
     /// image: so a new image leaves the key, and a new key the image.
     pub secret: Memory,
-    /// The erase unit below that, which is for a mission and holds no part of an image; `None` on a board that has
-    /// no room for one.
+    /// The two erase units below that, which are for missions and hold no part of an image; `None` on a board that
+    /// has no room for them.
     pub mission: Option<Memory>,
     /// What an image may use.
     pub budget: Budget,
@@ -279,8 +279,8 @@ pub static SLED_F446: Sled = Sled {
     },
     mission: Some(Memory {
         name: "MISSION",
-        base: 0x0804_0000,
-        size: 128 * KIB,
+        base: 0x0802_0000,
+        size: 256 * KIB,
         dma: true,
     }),
     budget: Budget {
@@ -558,7 +558,7 @@ impl Sled {
         }
     }
 
-    /// The part of the flash that images are placed in: all below the mission and the key.
+    /// The part of the flash that images are placed in: all below the missions and the key.
     #[must_use]
     pub const fn program(&self) -> Memory {
         let flash = self.part.flash;
@@ -736,7 +736,7 @@ mod tests {
         assert_eq!(
             Sled::F446.linker_script().to_string(),
             "MEMORY\n{\n  \
-             FLASH : ORIGIN = 0x08000000, LENGTH = 262144\n  \
+             FLASH : ORIGIN = 0x08000000, LENGTH = 131072\n  \
              STACK : ORIGIN = 0x20000000, LENGTH = 16384\n  \
              RAM   : ORIGIN = 0x20004000, LENGTH = 114688\n}\n\n\
              _stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n\

@@ -69,7 +69,7 @@ pub mod watchdog;
 
 pub use bus::{CanPort, Timings};
 pub use parts::SLED_F446 as FACTS;
-pub use registers::{clocks, time};
+pub use registers::{clocks, flash, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{can, clock, fault, kept, lines, selftest, stack};
@@ -101,8 +101,10 @@ pub struct Sled {
     pub console: console::Console,
     /// The words in the place of the network's key.
     pub secret: [u32; sled_common::secret::WORDS],
-    /// The words in the place of a mission.
+    /// The words in the two places of a mission.
     pub mission: &'static [u32],
+    /// What writes them.
+    pub flash: flash::Writer,
     /// What the board found out about itself.
     pub findings: Findings,
     /// The LED.
@@ -194,6 +196,7 @@ impl Sled {
                 .mission
                 .as_ref()
                 .map_or(&[], sled_common::mission::words),
+            flash: flash::Writer::new(device.FLASH),
             findings,
             console,
             led: led::Led::new(port_a.pa5),

@@ -183,6 +183,12 @@ impl<T: Scalar> Check<T> {
         }
     }
 
+    /// The leg that is being judged, counted from zero.
+    #[must_use]
+    pub const fn number(&self) -> usize {
+        self.number
+    }
+
     /// One step: the numbers or eight poses of a leg, a joint, or a step of a turn's plan. Returns the
     /// result with the last one.
     pub fn step<M: Mission<T>>(&mut self, mission: &M) -> Option<Result<Summary<T>, Violation>> {

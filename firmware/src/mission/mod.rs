@@ -4,12 +4,22 @@
 //! low priority makes the path of it a little ahead of the vehicle ([`Work`]); the control step follows that.
 
 mod record;
+#[cfg(feature = "f446")]
+mod replace;
 mod sections;
+mod shown;
+pub mod store;
+pub mod transport;
+pub mod upload;
 mod work;
 
-pub use record::{FORMAT, Stored, words};
+pub use record::{FORMAT, Head, Kept, Recorded, Stored, Verification, dropped, words};
 pub use sections::{NEVER, Told, lead, told};
+pub use shown::{Shown, Stage};
 pub use work::{At, State, Work};
+
+#[cfg(feature = "f446")]
+pub use replace::replace;
 
 use control::controller::Settings;
 use control::fence::Footprint;

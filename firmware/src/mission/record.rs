@@ -22,19 +22,19 @@ use control::position::Position;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use heapless::Vec;
 
-const MAGIC: u32 = u32::from_le_bytes(*b"FMIS");
+pub(super) const MAGIC: u32 = u32::from_le_bytes(*b"FMIS");
 
 /// The number of the format.
 pub const FORMAT: u16 = 1;
 
 /// Words before the legs, and of a leg.
-const HEAD: usize = 6;
+pub(super) const HEAD: usize = 6;
 const LEG: usize = 7;
 
 /// The word of the CRC.
-const CHECK: usize = 5;
+pub(super) const CHECK: usize = 5;
 
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
+pub(super) const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 const REPEAT: u32 = 1 << 16;
 const REVERSE: u32 = 1 << 24;
@@ -47,54 +47,86 @@ const TURN: u32 = 1 << 25;
     reason = "one value, at the start; a target has no heap"
 )]
 pub enum Stored {
-    /// Nothing: the place is erased.
+    /// Nothing: the place is erased, or its mission was dropped.
     None,
     /// Something else than a whole record of this format.
     Damaged,
     /// A mission.
-    Mission(Recorded),
+    Mission(Kept),
 }
 
 /// A mission in the flash.
 #[derive(Clone, Debug)]
-pub struct Recorded {
+pub struct Kept {
+    head: Head,
+    words: &'static [u32],
+}
+
+/// What a record says besides its legs.
+#[derive(Clone, Debug)]
+pub struct Head {
     origin: Position,
     end: End,
-    legs: &'static [[u32; LEG]],
+    legs: usize,
     fence: Vec<Point<f32>, CORNERS>,
+}
+
+/// A mission in words that somebody holds.
+#[derive(Clone, Copy, Debug)]
+pub struct Recorded<'a> {
+    head: &'a Head,
+    legs: &'a [[u32; LEG]],
 }
 
 impl Stored {
     /// Reads the words at the beginning of the place.
     pub fn read(words: &'static [u32]) -> Self {
-        let Some((head, rest)) = words.split_first_chunk::<HEAD>() else {
-            return Self::None;
-        };
-        if head.iter().all(|word| *word == u32::MAX) {
+        if words
+            .first_chunk::<HEAD>()
+            .is_none_or(|head| head.iter().all(|word| *word == u32::MAX))
+        {
             return Self::None;
         }
-        Recorded::read(head, rest).map_or(Self::Damaged, Self::Mission)
+        match Head::read(words) {
+            Some(head) if head.legs == 0 => Self::None,
+            Some(head) => Self::Mission(Kept { head, words }),
+            None => Self::Damaged,
+        }
     }
 }
 
-impl Recorded {
-    fn read(head: &[u32; HEAD], rest: &'static [u32]) -> Option<Self> {
-        let [magic, format, counts, north, east, check] = *head;
+impl Kept {
+    /// The mission.
+    pub fn mission(&self) -> Recorded<'_> {
+        self.head.of(self.words)
+    }
+}
+
+impl Head {
+    /// Reads the record at the beginning of these words; `None` if it is not whole or not of this format. One without
+    /// legs stands for a mission that was dropped.
+    pub fn read(words: &[u32]) -> Option<Self> {
+        let head = Self::parse(words)?;
+        let covered = words.get(..head.length())?.iter().enumerate();
+        let covered = covered.filter(|(at, _)| *at != CHECK);
+        let sum = checked(covered.map(|(_, word)| *word));
+        (words.get(CHECK) == Some(&sum)).then_some(head)
+    }
+
+    /// The same without the check value, which a [`Verification`] compares.
+    pub fn parse(words: &[u32]) -> Option<Self> {
+        let (head, rest) = words.split_first_chunk::<HEAD>()?;
+        let [magic, format, counts, north, east, _] = *head;
         let repeat = format & REPEAT != 0;
         if magic != MAGIC || format & !REPEAT != u32::from(FORMAT) {
             return None;
         }
-        let (legs, corners) = (counts as u16 as usize, (counts >> 16) as usize);
-        if legs == 0 || legs > LEGS || corners > CORNERS {
+        let (count, corners) = (counts as u16 as usize, (counts >> 16) as usize);
+        if count > LEGS || corners > CORNERS {
             return None;
         }
-        let (legs, rest) = rest.split_at_checked(legs * LEG)?;
+        let (_, rest) = rest.split_at_checked(count * LEG)?;
         let corners = rest.get(..corners * 2)?;
-        let head = head.iter().take(CHECK);
-        if checked(head.chain(legs).chain(corners).copied()) != check {
-            return None;
-        }
-        let (legs, _) = legs.as_chunks();
         let (corners, _) = corners.as_chunks();
         let mut fence = Vec::new();
         // loop-bound: 64. control::fence::CORNERS.
@@ -108,15 +140,35 @@ impl Recorded {
         Some(Self {
             origin: Position::new(north.cast_signed(), east.cast_signed()),
             end: if repeat { End::Repeat } else { End::Stop },
-            legs,
+            legs: count,
             fence,
         })
     }
+
+    /// Number of legs.
+    pub const fn legs(&self) -> usize {
+        self.legs
+    }
+
+    /// Words of the record.
+    pub fn length(&self) -> usize {
+        HEAD + self.legs * LEG + self.fence.len() * 2
+    }
+
+    /// The mission with this head, in the words that it was read from.
+    pub fn of<'a>(&'a self, words: &'a [u32]) -> Recorded<'a> {
+        let legs = words.get(HEAD..).unwrap_or_default();
+        let (legs, _) = legs.as_chunks();
+        Recorded {
+            head: self,
+            legs: legs.get(..self.legs).unwrap_or_default(),
+        }
+    }
 }
 
-impl Mission<f32> for Recorded {
+impl Mission<f32> for Recorded<'_> {
     fn origin(&self) -> Position {
-        self.origin
+        self.head.origin
     }
 
     fn count(&self) -> usize {
@@ -146,12 +198,47 @@ impl Mission<f32> for Recorded {
     }
 
     fn fence(&self) -> &[Point<f32>] {
-        &self.fence
+        &self.head.fence
     }
 
     fn end(&self) -> End {
-        self.end
+        self.head.end
     }
+}
+
+/// Compares the check value of a record, in short steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verification {
+    at: usize,
+    sum: u32,
+}
+
+impl Verification {
+    /// Words of a step.
+    const STEP: usize = 128;
+
+    /// The next step for a record of these words. Returns whether it is whole, with the last one.
+    pub fn step(&mut self, record: &[u32]) -> Option<bool> {
+        // Where the last step ended: CRC-32 is reflected, and its result inverted.
+        let mut digest = CRC.digest_with_initial((self.sum ^ u32::MAX).reverse_bits());
+        let begin = record.get(self.at..).unwrap_or_default();
+        // loop-bound: 128. STEP.
+        for (at, word) in (self.at..).zip(begin.iter().take(Self::STEP)) {
+            if at != CHECK {
+                digest.update(&word.to_le_bytes());
+            }
+        }
+        self.sum = digest.finalize();
+        self.at += Self::STEP;
+        (self.at >= record.len()).then(|| record.get(CHECK) == Some(&self.sum))
+    }
+}
+
+/// The record of a mission that was dropped.
+pub fn dropped() -> [u32; HEAD] {
+    let mut head = [MAGIC, u32::from(FORMAT), 0, 0, 0, 0];
+    head[CHECK] = checked(head.into_iter().take(CHECK));
+    head
 }
 
 fn checked(words: impl Iterator<Item = u32>) -> u32 {
@@ -274,6 +361,15 @@ mod tests {
         assert!(words(&none).is_none());
     }
 
+    #[test]
+    fn a_dropped_mission_is_none() {
+        let mut record = dropped().to_vec();
+        assert!(Head::read(&record).is_some_and(|head| head.legs() == 0));
+        assert!(matches!(read(record.clone()), Stored::None));
+        record[3] ^= 1;
+        assert!(matches!(read(record), Stored::Damaged));
+    }
+
     proptest! {
         #[test]
         fn a_record_is_read_back(
@@ -291,6 +387,12 @@ mod tests {
             let Stored::Mission(found) = read(record) else {
                 panic!("no mission");
             };
+            prop_assert_eq!(found.head.length() + beyond, found.words.len());
+            let whole = &found.words[..found.head.length()];
+            let mut verification = Verification::default();
+            let verified = core::iter::repeat_with(|| verification.step(whole)).find_map(|told| told);
+            prop_assert_eq!(verified, Some(true));
+            let found = found.mission();
             prop_assert_eq!((found.origin(), found.end()), (written.origin, written.end));
             prop_assert_eq!(found.fence(), written.fence);
             prop_assert_eq!(found.count(), legs.len());

@@ -7,7 +7,7 @@ use control::mission::{
 use control::position::Position;
 use control::turn::TurnError;
 
-use super::record::{Recorded, Stored};
+use super::record::{Kept, Stored};
 
 /// What is known of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ enum Stage {
 #[derive(Clone, Debug)]
 pub struct Work {
     /// `None`: the one leg along the line.
-    recorded: Option<Recorded>,
+    recorded: Option<Kept>,
     line: [Leg<f32>; 1],
     origin: Position,
     settings: MissionSettings<f32>,
@@ -98,12 +98,16 @@ impl Work {
 
     /// The origin of the mission's frame.
     pub fn origin(&self) -> Position {
-        self.recorded.as_ref().map_or(self.origin, Mission::origin)
+        self.recorded
+            .as_ref()
+            .map_or(self.origin, |kept| kept.mission().origin())
     }
 
     /// Number of its legs.
     pub fn count(&self) -> usize {
-        self.recorded.as_ref().map_or(1, Mission::count)
+        self.recorded
+            .as_ref()
+            .map_or(1, |kept| kept.mission().count())
     }
 
     /// What is known of it.
@@ -133,10 +137,17 @@ impl Work {
         }
     }
 
+    /// Begins again with the first leg. The path so far must be forgotten, too.
+    pub fn restart(&mut self) {
+        if let Stage::Planning(planner) = &mut self.stage {
+            *planner = Planner::new(self.settings);
+        }
+    }
+
     /// A short step of the work. Returns the next piece of the path, once.
     pub fn step(&mut self, at: At) -> Option<Piece<f32>> {
         match &self.recorded {
-            Some(mission) => step(&mut self.stage, mission, &self.settings, at),
+            Some(kept) => step(&mut self.stage, &kept.mission(), &self.settings, at),
             None => {
                 let mission = Legs {
                     origin: self.origin,

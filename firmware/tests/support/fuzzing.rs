@@ -1,5 +1,10 @@
-//! The fuzz target as a function of the fuzzer's bytes. A test calls it with random bytes,
+//! The fuzz targets as functions of the fuzzer's bytes. Tests call them with random bytes,
 //! because a fuzzer needs a nightly toolchain.
+
+#[path = "requests.rs"]
+mod requests;
+
+pub use requests::requests;
 
 use firmware::e2e::{Key, Proof, Receiver, Refusal, Secret, Sender, TimeProof};
 use network::{DecodeError, Message, Signal};

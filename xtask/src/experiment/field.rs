@@ -445,7 +445,7 @@ impl Job<'_> {
 }
 
 /// What the message about the sections says, as it is heard.
-fn heard(told: &[Told; 8]) -> missions::Told {
+fn heard(told: &[Told; 8]) -> missions::Switches {
     told.map(|one| {
         let after = Some(f64::from(one.after) * 1e-3);
         (one.on, after.filter(|_| one.after != NEVER))

@@ -416,11 +416,11 @@ fn place_at(way: &[(f64, Local)], at: f64) -> Option<Local> {
 
 /// What is told of the sections of a cycle: for each whether it is on at its beginning, and after how many seconds of it
 /// it changes.
-pub(crate) type Told = [(bool, Option<f64>); 8];
+pub(crate) type Switches = [(bool, Option<f64>); 8];
 
 /// What a node at the sections makes of what it is told. `cycles` are the beginnings of basic cycles (s), each with what was
 /// told of it. In a cycle of which nothing was told the sections keep their state; in the next such one they are off.
-pub(crate) fn played(cycles: impl Iterator<Item = (f64, Option<Told>)>) -> Vec<SectionSwitch> {
+pub(crate) fn played(cycles: impl Iterator<Item = (f64, Option<Switches>)>) -> Vec<SectionSwitch> {
     let mut all = Vec::new();
     let mut state = [false; 8];
     let mut silent = 0;
@@ -453,7 +453,7 @@ fn switches(vehicle: &Vehicle, frames: &[FrameRecord]) -> Vec<SectionSwitch> {
         return Vec::new();
     };
     let value = |name: String, data: &[u8; 8]| known.field(&name).map(|field| field.value(data));
-    let told = |data: &[u8; 8]| -> Told {
+    let told = |data: &[u8; 8]| -> Switches {
         core::array::from_fn(|index| {
             let section = index + 1;
             let after = value(format!("After{section}"), data);
@@ -487,7 +487,7 @@ mod tests {
 
     #[test]
     fn a_section_changes_within_its_cycle_and_is_off_when_nobody_tells_of_it() {
-        let mut first: Told = [(false, None); 8];
+        let mut first: Switches = [(false, None); 8];
         first[0] = (false, Some(0.04));
         first[7] = (true, None);
         let mut second = first;

@@ -1,11 +1,14 @@
 //! `mission`: makes missions from the files of farm tools, checks whether a vehicle can drive them, and draws them.
 
+mod bus;
 mod drivable;
 mod driven;
+mod request;
 
 use std::{fs, path::Path, sync::Arc};
 
 use control::{dubins::Pose, mission::MissionSettings};
+use firmware::mission::upload::Request;
 
 use mission::{
     curve::Chain,
@@ -25,7 +28,8 @@ use world::{
 };
 
 pub(crate) use drivable::{Drivable, settings};
-pub(crate) use driven::{Course, Driven, Told, played};
+pub(crate) use driven::{Course, Driven, Switches, played};
+pub use request::{Answer, Client, Error, Refusal, State, Told};
 
 use crate::{
     Failure, Workspace,
@@ -40,11 +44,19 @@ use crate::{
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`]: a file is wrong, or the vehicle cannot drive the mission.
+/// [`Failure::Usage`]: a file is wrong, or the vehicle cannot drive the mission. [`Failure::Mission`]: the vehicle
+/// refuses a request, or cannot be reached.
 pub fn run(workspace: &Workspace, command: &Mission) -> Result<(), Failure> {
     match command {
         Mission::New(options) => new(workspace, options),
         Mission::Check(options) => self::check(workspace, options),
+        Mission::Upload(options) => bus::upload(workspace, options),
+        Mission::Start(on) => bus::ask(workspace, on, Request::Start),
+        Mission::Pause(on) => bus::ask(workspace, on, Request::Pause),
+        Mission::Resume(on) => bus::ask(workspace, on, Request::Resume),
+        Mission::Drop(on) => bus::ask(workspace, on, Request::Drop),
+        Mission::State(on) => bus::ask(workspace, on, Request::State),
+        Mission::Flash(options) => bus::flash(workspace, options),
     }
 }
 

@@ -5,7 +5,8 @@ use std::{collections::BTreeMap, time::Duration};
 use can_bus::Frame;
 
 use super::{
-    messages::{Begin, Messages, Report},
+    messages::{Messages, Report},
+    schedule::Begin,
     transport::{Error, Transport},
 };
 

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use can_bus::{Frame, wire::WireFrame};
-use embedded_can::Id;
-use network_model::{Message, Network, Reference, Signal, WindowKind, worst_case_bits};
+use can_bus::Frame;
+use network_model::{Message, Network, Signal};
 use vehicle_model::{NodeIndex, Vehicle};
+
+use super::schedule::{self, Begin, Place};
 
 /// The signal that a report repeats from its request.
 const ROUND: &str = "Round";
@@ -104,22 +105,6 @@ impl Report {
     }
 }
 
-/// A reference message on the bus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Begin {
-    /// When the basic cycle has begun: the start of the frame.
-    pub(super) at: Duration,
-    /// Its number in the system matrix.
-    pub(super) cycle: u8,
-}
-
-/// When the request may begin, after the begin of a basic cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
-    pub(super) earliest: Duration,
-    pub(super) latest: Duration,
-}
-
 impl<'v> Messages<'v> {
     /// The messages that the vehicle's manifest names; `None` if it names none.
     #[must_use]
@@ -174,55 +159,24 @@ impl<'v> Messages<'v> {
         Frame::standard(self.request.id, &data[..length]).expect("an identifier of 11 bits")
     }
 
-    /// When the request may begin. Its window must still hold it when it wins arbitration at
-    /// once, with room for the clock error of the nodes on both sides.
+    /// When the request may begin.
     pub(super) fn place(&self) -> Place {
-        let window = self.request.window;
-        let uncertain = self.network.sync_uncertainty_us;
-        let frame = self
-            .network
-            .bits_to_us(worst_case_bits(self.request.length));
-        let latest = window.end_us().saturating_sub(frame + uncertain);
-        Place {
-            earliest: micros(window.start_us + uncertain),
-            latest: micros(latest),
-        }
+        schedule::place(self.network, self.request, 1)
     }
 
     /// Whether the basic cycle of that number has the request's window.
     pub(super) fn has_window(&self, cycle: u8) -> bool {
-        let window = self.request.window;
-        cycle % window.repeat.max(1) == window.offset
+        schedule::has_window(self.request, cycle)
     }
 
     /// The begin of a basic cycle, if the frame that ended at `end` is a reference message.
     pub(super) fn begin(&self, frame: &Frame, end: Duration) -> Option<Begin> {
-        let message = self.message(frame)?;
-        if message.window.kind != WindowKind::Reference {
-            return None;
-        }
-        let control = Reference::of(message).and_then(|layout| {
-            let data = frame.data();
-            data.get(usize::from(layout.control)).copied()
-        });
-        Some(Begin {
-            at: end.saturating_sub(self.duration(frame)),
-            cycle: control.unwrap_or(0) & 0x3F,
-        })
-    }
-
-    /// How long a frame takes on the bus.
-    fn duration(&self, frame: &Frame) -> Duration {
-        let bits = WireFrame::encode(frame).bits() as u64;
-        Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.network.bit_rate.max(1)))
+        schedule::begin(self.network, frame, end)
     }
 
     /// The message of a frame.
     pub(super) fn message(&self, frame: &Frame) -> Option<&'v Message> {
-        match frame.id() {
-            Id::Standard(id) if !frame.is_remote() => self.network.message(id.as_raw()),
-            _ => None,
-        }
+        schedule::message(self.network, frame)
     }
 
     /// Index of the node and its report, if the frame is one.

@@ -9,6 +9,7 @@ mod bus;
 mod messages;
 mod on_twin;
 mod report;
+pub(crate) mod schedule;
 mod serial;
 #[cfg(target_os = "linux")]
 mod socket;

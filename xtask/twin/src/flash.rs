@@ -275,7 +275,7 @@ impl TimedFlash {
     }
 
     #[inline]
-    fn charge(&self, offset: u32, size: u32, fetch: bool) {
+    pub(crate) fn charge(&self, offset: u32, size: u32, fetch: bool) {
         let line = offset / self.line_bytes;
         let end = if fetch {
             let end = self.next.load(Ordering::Relaxed);
@@ -317,7 +317,7 @@ impl MemOps for TimedFlash {
     }
 
     fn write(&self, _offset: u64, _src: &[u8], _attrs: MemAttrs) -> MemResult {
-        // Programming is not modelled.
+        // What can be programmed is a region of its own.
         Err(BusError::BadAccess)
     }
 

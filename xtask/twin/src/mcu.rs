@@ -13,7 +13,7 @@ use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch, TaskSwitch};
 use crate::stops::{Footprint, Probe, Stop, Stops};
 use crate::stores::{Bytes, Settings, Watched, reaches_registers};
-use crate::window::{Shared, Window};
+use crate::window::{Changeable, Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
 use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::space::{AddressSpace, RamStore, Region, RomStore, RomWrite};
@@ -200,6 +200,8 @@ pub struct Mcu {
     held: bool,
     /// The supply is below the power-down reset.
     unpowered: bool,
+    /// Until when the core waits for the flash, which is being erased or programmed.
+    stalled: Cycles,
     /// The core sleeps and must check whether to wake up.
     poke: bool,
     observer: Observer,
@@ -306,6 +308,7 @@ impl Mcu {
             locked: false,
             held: false,
             unpowered: false,
+            stalled: 0,
             poke: false,
             observer: Observer::default(),
             trace: None,
@@ -545,7 +548,16 @@ impl Mcu {
 
     /// True if the core executes nothing until the next event.
     fn stands_still(&self) -> bool {
-        self.is_held() || self.locked || self.is_halted() || (self.asleep && !self.poke)
+        self.is_held()
+            || self.locked
+            || self.is_halted()
+            || self.is_stalled()
+            || (self.asleep && !self.poke)
+    }
+
+    /// True while the core waits for the flash.
+    fn is_stalled(&self) -> bool {
+        self.now < self.stalled
     }
 
     /// The next time at which it acts: now while awake, its next event while asleep, `None` if no
@@ -570,6 +582,8 @@ impl Mcu {
             self.restart(cause, peripherals.clock().time(self.now));
         }
         self.generation = peripherals.generation;
+        let stalled = peripherals.stalled_until();
+        self.stalled = if stalled == NEVER { 0 } else { stalled };
         let lines = peripherals.lines;
         self.apply(lines);
         if let Some(flash) = &self.flash {
@@ -655,7 +669,9 @@ impl Mcu {
         let to = limit.min(self.shared.attention()).min(wrap).max(self.now);
         let cycles = to - self.now;
         if !idle {
-            self.observer.asleep += cycles;
+            if !self.is_stalled() {
+                self.observer.asleep += cycles;
+            }
             if wrap != NEVER {
                 self.poke = self.core.with_sys(|sys| {
                     let wrapped = sys.tick_systick(cycles) && sys.syst_csr & 2 != 0;
@@ -1516,8 +1532,12 @@ impl Mcu {
     pub fn memory(&self, address: u32, size: usize) -> Option<Vec<u8>> {
         let flash = self.image.part().flash;
         if flash.contains(address) {
-            let start = (address - flash.base) as usize;
-            return Some(self.image.flash().get(start..start + size)?.to_vec());
+            let offset = address - flash.base;
+            let start = offset as usize;
+            let peripherals = lock(&self.shared.peripherals);
+            let changed = peripherals.changed_flash(offset, size);
+            let image = || self.image.flash().get(start..start + size);
+            return changed.or_else(image).map(<[u8]>::to_vec);
         }
         let mut bytes = vec![0; size];
         self.memories.iter().find_map(|ram| {
@@ -1606,6 +1626,17 @@ fn address_space(
         map.map(Arc::clone(&region), u64::from(part.flash.base))?;
         // The boot pins map the flash to address zero.
         map.map(region, 0)?;
+        let (begin, size) = lock(&shared.peripherals).changeable();
+        if size > 0 {
+            let changeable = Changeable {
+                begin,
+                shared: Arc::clone(shared),
+                timed: timed.map(Arc::clone),
+            };
+            let region = Arc::new(Region::io("missions", size as u64, Arc::new(changeable)));
+            map.map(Arc::clone(&region), u64::from(part.flash.base + begin))?;
+            map.map(region, u64::from(begin))?;
+        }
         for ram in memories {
             map.map(
                 Region::ram("ram", Arc::clone(&ram.store)),

@@ -2,12 +2,13 @@
 //! addresses.
 
 use crate::clock::Cycles;
+use crate::flash::TimedFlash;
 use crate::peripheral::{Nothing, Peripherals, lock};
 use crate::silicon::registers::Access;
 use rsemu::core::error::BusError;
-use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult};
-use std::sync::Mutex;
+use rsemu::core::space::{AccessConstraints, AccessPurpose, MemAttrs, MemOps, MemResult};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// State shared by the core and the peripherals of one node. A single thread uses all of it. The
 /// atomics are there only because the emulator requires `Send` and `Sync`.
@@ -117,7 +118,7 @@ fn written(lane: usize, bytes: &[u8]) -> Access {
 #[derive(Debug)]
 pub(crate) struct Window {
     pub(crate) base: u32,
-    pub(crate) shared: std::sync::Arc<Shared>,
+    pub(crate) shared: Arc<Shared>,
 }
 
 impl MemOps for Window {
@@ -163,5 +164,45 @@ impl MemOps for Window {
 
     fn constraints(&self) -> AccessConstraints {
         AccessConstraints::IO.with_natural_alignment(true)
+    }
+}
+
+/// The part of the flash that the program can change.
+#[derive(Debug)]
+pub(crate) struct Changeable {
+    /// Offset of its first byte in the flash.
+    pub(crate) begin: u32,
+    pub(crate) shared: Arc<Shared>,
+    /// How long reading takes, if that counts.
+    pub(crate) timed: Option<Arc<TimedFlash>>,
+}
+
+impl MemOps for Changeable {
+    fn read(&self, offset: u64, dst: &mut [u8], attrs: MemAttrs) -> MemResult {
+        let offset = self.begin + offset as u32;
+        let peripherals = lock(&self.shared.peripherals);
+        let source = peripherals.changed_flash(offset, dst.len());
+        dst.copy_from_slice(source.ok_or(BusError::BadAccess)?);
+        if let Some(timed) = self.timed.as_ref().filter(|_| !attrs.debug) {
+            let fetch = attrs.purpose == AccessPurpose::FETCH;
+            timed.charge(offset, dst.len() as u32, fetch);
+        }
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, src: &[u8], attrs: MemAttrs) -> MemResult {
+        if attrs.debug {
+            return Err(BusError::BadAccess);
+        }
+        let offset = self.begin + offset as u32;
+        self.shared
+            .access(parts::F446.flash.base + offset, |peripherals| {
+                peripherals.store_flash(offset, src);
+            });
+        Ok(())
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        AccessConstraints::ANY
     }
 }

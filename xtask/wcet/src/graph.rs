@@ -98,11 +98,15 @@ pub fn is_panic(name: &str) -> bool {
     NEVER_RETURN.iter().any(|part| name.contains(part))
 }
 
-/// Whether a function stops the node's motor and resets the node. What follows on the path is no
-/// job any more: no deadline holds in a node that starts again.
+/// Whether a function resets the node: behind a fault, with its motor stopped, or to write a mission, when it has left
+/// the bus. What follows on the path is no job any more: no deadline holds in a node that starts again.
 #[must_use]
 pub fn is_end(name: &str) -> bool {
-    name.contains("firmware::fault::stop")
+    const ENDS: [&str; 2] = [
+        "firmware::fault::stop",
+        "firmware::mission::replace::replace",
+    ];
+    ENDS.iter().any(|end| name.contains(end))
 }
 
 /// A basic block: instructions without a branch between them.
@@ -492,5 +496,27 @@ fn local_targets(
             all
         }
         _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_end;
+
+    #[test]
+    fn a_path_ends_where_a_node_starts_anew() {
+        for name in [
+            "firmware::fault::stop",
+            "firmware::fault::stop::h0123456789abcdef",
+            "firmware::mission::replace::replace",
+        ] {
+            assert!(is_end(name), "{name}");
+        }
+        for name in [
+            "firmware::mission::work::step",
+            "firmware::mission::store::write",
+        ] {
+            assert!(!is_end(name), "{name}");
+        }
     }
 }

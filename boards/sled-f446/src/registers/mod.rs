@@ -2,6 +2,7 @@
 //!
 //! | module | why not the HAL |
 //! | --- | --- |
+//! | [`flash`] | `unlocked` panics if the flash stays locked. `UnlockedFlash` writes byte by byte and erases with the smallest current, which takes four times as long. |
 //! | [`clocks`] | `Rcc::freeze` waits for the external clock without a bound, has no fallback and does not start the clock security system; it searches for dividers at run time, with assertions that panic. |
 //! | [`gate`] | `Enable` does not wait until the peripheral can be used. |
 //! | [`time`] | The counters of `timer` stop and restart at each timeout. A free-running counter with two compare interrupts has no driver. |
@@ -17,6 +18,7 @@
 
 pub mod clocks;
 pub(crate) mod crc;
+pub mod flash;
 pub(crate) mod gate;
 pub(crate) mod ratio;
 pub(crate) mod reference;

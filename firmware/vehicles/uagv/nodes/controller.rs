@@ -16,7 +16,7 @@
 //! | `display_dma` | DMA1 stream 3 | 2 | end of the display's string |
 //! | `display_tick` | TIM4 | 2 | 5 Hz, and when a node is in trouble: builds and sends the display's string |
 //! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `plan` | EXTI0, pended by software | 1 | with missions only: their path, ahead of the vehicle |
+//! | `plan` | EXTI0, pended by software | 1 | with missions only: requests, and the path ahead of the vehicle |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -54,6 +54,8 @@ mod app {
     use uagv::design::{CONTROL_RELEASE, REMOTE};
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
+    #[cfg(mission)]
+    use uagv::messages::{MissionAnswer, MissionEvent};
     // RTIC names the type of a resource even where it is switched off.
     use uagv::mission;
     use uagv::wire::{self, Record};
@@ -69,6 +71,8 @@ mod app {
         change: Option<Change>,
         /// Which of the other nodes does not do its part on the bus.
         trouble: Option<Trouble>,
+        /// What the operator sees of the mission.
+        shown: mission::Shown,
     }
 
     #[shared]
@@ -83,6 +87,8 @@ mod app {
         console: board::console::Console,
         /// The last self-test.
         test: Option<Report>,
+        /// Requests for the mission.
+        requests: mission::Requests,
     }
 
     #[local]
@@ -99,9 +105,11 @@ mod app {
         log: Log,
         #[cfg(mission)]
         mission: mission::Plan,
+        #[cfg(mission)]
+        flash: board::flash::Writer,
     }
 
-    #[init(local = [stack: Option<Stack> = None])]
+    #[init(local = [stack: Option<Stack> = None, words: mission::Words = mission::Words::new()])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
         let sled = uagv::start(cx.device);
@@ -126,7 +134,8 @@ mod app {
         };
         guide::set_secret(&mut pilot, start.secret);
         #[cfg(mission)]
-        let Ok(mission) = mission::plan(&mut pilot, sled.mission) else {
+        let Ok(mission) = mission::plan(&mut pilot, sled.mission, cx.local.words, &start.secret)
+        else {
             fault::stop(Fault::Start)
         };
         link.release_in(BASIC_CYCLE);
@@ -141,12 +150,14 @@ mod app {
                     axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
                     change: None,
                     trouble: None,
+                    shown: mission::Shown::default(),
                 },
                 lcd: operator.lcd,
                 refresh_due: false,
                 supervision: Supervision::default(),
                 console: sled.console,
                 test: None,
+                requests: mission::Requests::new(),
             },
             Local {
                 joystick: operator.joystick,
@@ -168,6 +179,8 @@ mod app {
                 log: Log::new(&start),
                 #[cfg(mission)]
                 mission,
+                #[cfg(mission)]
+                flash: sled.flash,
             },
         )
     }
@@ -179,11 +192,12 @@ mod app {
         }
     }
 
-    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
-    fn can_rx(mut cx: can_rx::Context) {
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link, requests])]
+    fn can_rx(cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        cx.shared.link.lock(|link| {
-            if link.on_receive(stamp).reference {
+        (cx.shared.link, cx.shared.requests).lock(|link, requests| {
+            let news = link.on_receive_keeping(stamp, |frame| requests.push(frame));
+            if news.reference {
                 link.release_at(CONTROL_RELEASE);
             }
         });
@@ -336,13 +350,13 @@ mod app {
         let mut link = cx.shared.link;
         let mut driving = cx.shared.driving;
         let (time, bus) = link.lock(|link| (link.system_time(), link.node().is_alive()));
-        let view = driving.lock(|driving| {
+        let (view, shown) = driving.lock(|driving| {
             let trouble = driving.trouble.map(|trouble| trouble.named(&NAMES));
-            driving.pilot.view(time, bus, trouble)
+            (driving.pilot.view(time, bus, trouble), driving.shown)
         });
         let screen = cx.local.screen;
         screen.clear();
-        display::write::<Lk204>(screen, &view);
+        display::write::<Lk204>(screen, &view, &shown);
         let (mut lcd, mut supervision) = (cx.shared.lcd, cx.shared.supervision);
         let sent = lcd.lock(|lcd| {
             let idle = !lcd.is_busy();
@@ -397,23 +411,60 @@ mod app {
 
     /// Deadline: the window of its message.
     #[cfg(mission)]
-    #[task(binds = EXTI0, priority = 1, shared = [link, driving], local = [mission])]
+    #[task(binds = EXTI0, priority = 1, shared = [link, driving, requests], local = [mission, flash])]
     fn plan(cx: plan::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
+        let mut requests = cx.shared.requests;
         let plan = cx.local.mission;
+        let look = driving.lock(|driving| mission::look(&driving.pilot));
+        // loop-bound: 10. mission::FRAMES.
+        for _ in 0..mission::FRAMES {
+            let frame = requests.lock(mission::Requests::pop);
+            if let Some(effect) = plan.read(frame, look) {
+                driving.lock(|driving| mission::apply(&mut driving.pilot, effect));
+            }
+        }
+        // loop-bound: 2. mission::ANSWERS.
+        for _ in 0..mission::ANSWERS {
+            if let Some(answer) = plan.answer() {
+                // Whoever gets no answer asks again.
+                let _ = link.lock(|link| {
+                    link.queue_event(MissionAnswer::ID, &answer, design::EVENT_LIFETIME)
+                });
+            }
+        }
+        if let Some(event) = plan.event(look) {
+            let _ = link
+                .lock(|link| link.queue_event(MissionEvent::ID, &event, design::EVENT_LIFETIME));
+        }
         // loop-bound: 4. mission::STEPS.
         for _ in 0..mission::STEPS {
             // Sections of their own: a step of the planning takes long.
             let at = driving.lock(|driving| mission::at(&mut driving.pilot));
-            if let Some(piece) = plan.step(at) {
+            if plan.is_checking() {
+                plan.check(look);
+            } else if let Some(piece) = plan.step(at) {
                 driving.lock(|driving| mission::push(&mut driving.pilot, piece));
             }
         }
         // A copy, so that the lock is short.
         let seen = driving.lock(|driving| mission::see(&driving.pilot));
+        let shown = plan.shown(&seen, look);
+        driving.lock(|driving| driving.shown = shown);
         let (state, sections) = plan.tell(&seen);
         link.lock(|link| link.put(window::MISSION_STATE, state));
         link.lock(|link| link.put(window::SECTION_SWITCHING, sections));
+        if let Some(written) = plan.written(look) {
+            link.lock(|link| {
+                link.leave();
+                firmware::mission::replace(
+                    cx.local.flash,
+                    written.place,
+                    written.number,
+                    written.record,
+                )
+            });
+        }
     }
 
     #[task(binds = EXTI3, priority = 1, shared = [link, driving, supervision, console, test], local = [log])]

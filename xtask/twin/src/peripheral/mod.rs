@@ -11,6 +11,7 @@ mod dma;
 mod exti;
 mod gpio;
 mod iwdg;
+mod programming;
 mod pulse;
 mod rcc;
 mod system;
@@ -135,6 +136,7 @@ pub(crate) struct Peripherals {
     watchdog_at: Cycles,
     rcc: rcc::Rcc,
     flash: system::Flash,
+    programming: programming::Programming,
     pwr: system::Pwr,
     exti: exti::Exti,
     debug_control: [u32; 3],
@@ -225,6 +227,7 @@ impl Peripherals {
             watchdog_at: NEVER,
             rcc: rcc::Rcc::new(part, oscillators.hse_hz),
             flash: system::Flash::new(part.family),
+            programming: programming::Programming::new(Sled::carrying(part), &flash_image),
             pwr: system::Pwr::new(part),
             exti: exti::Exti::default(),
             debug_control: [0; 3],
@@ -308,6 +311,52 @@ impl Peripherals {
         self.flash.read(0).unwrap_or(0)
     }
 
+    /// Offset and size of what the program can change in the flash.
+    pub(crate) fn changeable(&self) -> (u32, usize) {
+        self.programming.range()
+    }
+
+    /// What lies at this offset of the flash, where the program can change it.
+    pub(crate) fn changed_flash(&self, offset: u32, size: usize) -> Option<&[u8]> {
+        self.programming.bytes(offset, size)
+    }
+
+    /// The program stores bytes at this offset of the flash.
+    pub(crate) fn store_flash(&mut self, offset: u32, bytes: &[u8]) {
+        let (now, clock) = (self.now, self.clock);
+        self.programming.store(offset, bytes, now, &clock);
+        self.stall();
+    }
+
+    /// Writes a register of the flash.
+    fn write_flash(&mut self, address: u32, offset: u32, value: u32) {
+        if offset == 0 || self.part.family == Family::F3 {
+            self.flash.write(offset, value);
+            self.generation += 1;
+            self.check_clocks();
+            return;
+        }
+        let (now, clock) = (self.now, self.clock);
+        let done = self.programming.write(offset, value, now, &clock);
+        if let Err(what) = done {
+            self.violate(address, what.to_owned(), "RM0390 3.5");
+        }
+        self.stall();
+    }
+
+    /// The run loop has to look at [`Self::stalled_until`].
+    fn stall(&mut self) {
+        if self.programming.next_event() != NEVER {
+            self.generation += 1;
+            self.refresh();
+        }
+    }
+
+    /// Until when the core waits for the flash; [`NEVER`] if it does not.
+    pub(crate) fn stalled_until(&self) -> Cycles {
+        self.programming.next_event()
+    }
+
     /// True if the run loop must process the peripherals, interrupt lines aside.
     pub(crate) fn wants_attention(&self) -> bool {
         self.reset_request.is_some()
@@ -343,6 +392,8 @@ impl Peripherals {
         self.fading = None;
         self.serving = [None; 2];
         self.flash = system::Flash::new(self.part.family);
+        self.programming.advance(now);
+        self.programming.reset();
         self.pwr.reset();
         self.exti.reset();
         self.watch_supply();
@@ -399,6 +450,7 @@ impl Peripherals {
             timer.advance(now);
         }
         self.pulses.advance(now);
+        self.programming.advance(now);
         self.forward_triggers();
         self.adc.advance(now);
         for usart in &mut self.usarts {
@@ -444,7 +496,8 @@ impl Peripherals {
         }
         self.next = next
             .min(self.adc.next_event())
-            .min(self.pulses.next_event());
+            .min(self.pulses.next_event())
+            .min(self.programming.next_event());
 
         let mut lines = [0_u32; 4];
         let mut raise = |irq: u16, level: bool| {
@@ -992,6 +1045,9 @@ impl Peripherals {
         let now = self.now;
         let value = match slot.block {
             Block::Rcc => self.rcc.read(offset, now),
+            Block::Flash if offset != 0 && self.part.family == Family::F4 => {
+                self.programming.read(offset)
+            }
             Block::Flash => self.flash.read(offset),
             Block::Pwr => self.pwr.read(offset, now),
             Block::Syscfg => self.exti.read_ports(offset),
@@ -1048,11 +1104,7 @@ impl Peripherals {
         let now = self.now;
         match slot.block {
             Block::Rcc => self.write_rcc(offset, value),
-            Block::Flash => {
-                self.flash.write(offset, value);
-                self.generation += 1;
-                self.check_clocks();
-            }
+            Block::Flash => self.write_flash(address, offset, value),
             Block::Pwr => {
                 self.check_scale(offset, value);
                 self.pwr.write(offset, value, now, &self.clock);

@@ -1,0 +1,382 @@
+//! Erasing and programming the flash of the F446 (RM0390 3.5 and 3.8), as far as missions need it.
+//!
+//! Only the place for missions can be changed, because the rest is decoded once and holds the program. While an
+//! operation is running the core waits for its next read of the flash, where its program is: the model lets it wait
+//! from the store that begins the operation. Operations take the longest time of the data sheet. One that a reset
+//! or a loss of power ends leaves chance behind (RM0390 3.5.3).
+
+use crate::clock::{Cycles, LocalClock, NEVER, Ps};
+use parts::Sled;
+
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+
+/// Bits of FLASH_CR.
+const PG: u32 = 1;
+const SER: u32 = 1 << 1;
+const MER: u32 = 1 << 2;
+const STRT: u32 = 1 << 16;
+const EOPIE: u32 = 1 << 24;
+const LOCK: u32 = 1 << 31;
+/// All fields of it but the lock.
+const FIELDS: u32 = 0x0301_037F;
+
+/// Bits of FLASH_SR.
+const EOP: u32 = 1;
+const WRPERR: u32 = 1 << 4;
+const PGAERR: u32 = 1 << 5;
+const PGPERR: u32 = 1 << 6;
+const PGSERR: u32 = 1 << 7;
+const ERRORS: u32 = 0xF2;
+const BSY: u32 = 1 << 16;
+
+/// Longest times with 8, 16, 32 and 64 bits at once (DS10693, table "flash memory programming"): a sector of 128 KiB,
+/// and one unit.
+const ERASE: [Ps; 4] = [
+    4_000_000_000_000,
+    2_600_000_000_000,
+    2_000_000_000_000,
+    2_000_000_000_000,
+];
+const PROGRAM: Ps = 100_000_000;
+
+/// Bytes of a sector from the fifth on, and the number of the first of these.
+const SECTOR: u32 = 128 * 1024;
+const FIRST: u32 = 5;
+
+/// Bytes that one operation may not leave (RM0390 3.5.4).
+const ROW: u32 = 16;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Gate {
+    Locked,
+    /// The first key was written.
+    Half,
+    Open,
+    /// A wrong key was written: nothing but a reset helps.
+    Barred,
+}
+
+/// What the bytes from `at` on become at the end.
+#[derive(Clone, Debug)]
+struct Running {
+    until: Cycles,
+    at: usize,
+    bytes: Vec<u8>,
+}
+
+/// The control registers and the contents that can be changed.
+#[derive(Clone, Debug)]
+pub(crate) struct Programming {
+    gate: Gate,
+    cr: u32,
+    sr: u32,
+    /// Offset of the first byte in the flash.
+    begin: u32,
+    contents: Vec<u8>,
+    running: Option<Running>,
+    chance: u32,
+}
+
+impl Programming {
+    /// With these contents of the whole flash. `sled` says which part can be changed; without one, none.
+    pub(crate) fn new(sled: Option<&Sled>, flash: &[u8]) -> Self {
+        let place = sled.and_then(|sled| Some((sled.mission.as_ref()?, sled.part.flash.base)));
+        let (begin, contents) = match place {
+            Some((place, base)) => {
+                let begin = place.base - base;
+                let range = begin as usize..(begin + place.size) as usize;
+                (begin, flash.get(range).unwrap_or_default().to_vec())
+            }
+            None => (0, Vec::new()),
+        };
+        Self {
+            gate: Gate::Locked,
+            cr: LOCK,
+            sr: 0,
+            begin,
+            contents,
+            running: None,
+            chance: 0x2545_F491,
+        }
+    }
+
+    /// Resets the registers. What is running ends where it is.
+    pub(crate) fn reset(&mut self) {
+        self.gate = Gate::Locked;
+        self.cr = LOCK;
+        self.sr = 0;
+        self.running = None;
+    }
+
+    /// Offset and number of the bytes that can be changed.
+    pub(crate) fn range(&self) -> (u32, usize) {
+        (self.begin, self.contents.len())
+    }
+
+    /// Bytes that can be changed, from this offset in the flash on; `None` if not all of them can.
+    pub(crate) fn bytes(&self, offset: u32, size: usize) -> Option<&[u8]> {
+        let at = offset.checked_sub(self.begin)? as usize;
+        self.contents.get(at..at.checked_add(size)?)
+    }
+
+    /// The end of what is running.
+    pub(crate) fn next_event(&self) -> Cycles {
+        self.running.as_ref().map_or(NEVER, |running| running.until)
+    }
+
+    /// Ends what is over.
+    pub(crate) fn advance(&mut self, now: Cycles) {
+        let Some(running) = self.running.take_if(|running| running.until <= now) else {
+            return;
+        };
+        let end = running.at + running.bytes.len();
+        if let Some(target) = self.contents.get_mut(running.at..end) {
+            target.copy_from_slice(&running.bytes);
+        }
+        self.cr &= !STRT;
+        if self.cr & EOPIE != 0 {
+            self.sr |= EOP;
+        }
+    }
+
+    fn random(&mut self) -> u32 {
+        self.chance ^= self.chance << 13;
+        self.chance ^= self.chance >> 17;
+        self.chance ^= self.chance << 5;
+        self.chance
+    }
+
+    /// Begins an operation, which makes these bytes of what is there. Until it ends, some of their bits have changed.
+    fn begin(&mut self, at: usize, bytes: Vec<u8>, until: Cycles) {
+        for (offset, byte) in bytes.iter().enumerate() {
+            let chance = self.random() as u8;
+            if let Some(old) = self.contents.get_mut(at + offset) {
+                *old ^= (*old ^ byte) & chance;
+            }
+        }
+        self.running = Some(Running { until, at, bytes });
+    }
+
+    pub(crate) fn read(&self, offset: u32) -> Option<u32> {
+        match offset {
+            // KEYR and OPTKEYR.
+            0x04 | 0x08 => Some(0),
+            0x0C => Some(self.sr | if self.running.is_some() { BSY } else { 0 }),
+            0x10 => Some(self.cr),
+            0x14 => Some(0x0FFF_AAED),
+            _ => None,
+        }
+    }
+
+    /// Writes a register other than FLASH_ACR.
+    ///
+    /// # Errors
+    /// What the model does not have.
+    pub(crate) fn write(
+        &mut self,
+        offset: u32,
+        value: u32,
+        now: Cycles,
+        clock: &LocalClock,
+    ) -> Result<(), &'static str> {
+        match offset {
+            0x04 => {
+                self.gate = match (self.gate, value) {
+                    (Gate::Locked, key) if key == KEYS[0] => Gate::Half,
+                    (Gate::Half, key) if key == KEYS[1] => Gate::Open,
+                    (Gate::Open, _) => Gate::Open,
+                    _ => Gate::Barred,
+                };
+                if self.gate == Gate::Open {
+                    self.cr &= !LOCK;
+                }
+            }
+            0x0C => self.sr &= !(value & (ERRORS | EOP)),
+            0x10 if self.gate == Gate::Open => {
+                self.cr = value & FIELDS;
+                if value & LOCK != 0 {
+                    self.gate = Gate::Locked;
+                    self.cr |= LOCK;
+                }
+                if self.cr & STRT != 0 {
+                    return self.start(now, clock);
+                }
+            }
+            // Without the keys it keeps its value.
+            0x10 => {}
+            _ => return Err("option bytes are not modelled"),
+        }
+        Ok(())
+    }
+
+    /// Begins to erase.
+    fn start(&mut self, now: Cycles, clock: &LocalClock) -> Result<(), &'static str> {
+        if self.cr & MER != 0 {
+            return Err("the whole flash is erased, with the program");
+        }
+        if self.cr & SER == 0 || self.cr & PG != 0 {
+            self.cr &= !STRT;
+            self.sr |= PGSERR;
+            return Ok(());
+        }
+        let sector = self.cr >> 3 & 0xF;
+        let offset = sector.checked_sub(FIRST).map(|above| (above + 1) * SECTOR);
+        let Some(at) = offset.filter(|offset| self.bytes(*offset, SECTOR as usize).is_some())
+        else {
+            return Err("a sector is erased that is not for missions");
+        };
+        let size = self.cr >> 8 & 3;
+        let until = now + clock.cycles_of(ERASE[size as usize]);
+        let at = (at - self.begin) as usize;
+        self.begin(at, vec![0xFF; SECTOR as usize], until);
+        Ok(())
+    }
+
+    /// The program stores bytes at this offset of the flash.
+    pub(crate) fn store(&mut self, offset: u32, bytes: &[u8], now: Cycles, clock: &LocalClock) {
+        let size = 1 << (self.cr >> 8 & 3);
+        if self.gate != Gate::Open || self.cr & (PG | SER | MER) != PG {
+            self.sr |= PGSERR;
+        } else if bytes.len() != size {
+            self.sr |= PGPERR;
+        } else if offset / ROW != (offset + bytes.len() as u32 - 1) / ROW {
+            self.sr |= PGAERR;
+        } else if let Some(old) = self.bytes(offset, bytes.len()) {
+            // Programming makes ones to zeros.
+            let new = old.iter().zip(bytes).map(|(old, new)| old & new).collect();
+            let at = (offset - self.begin) as usize;
+            self.begin(at, new, now + clock.cycles_of(PROGRAM));
+        } else {
+            self.sr |= WRPERR;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::part::Part;
+
+    const CR: u32 = 0x10;
+    const SR: u32 = 0x0C;
+    /// The first word of missions.
+    const HERE: u32 = 0x2_0000;
+
+    struct Chip(Programming, LocalClock, Cycles);
+
+    impl Chip {
+        fn new() -> Self {
+            let flash = vec![0x5A; Part::F446.flash.size as usize];
+            let clock = LocalClock::new(180_000_000, 0, 0);
+            Self(
+                Programming::new(Sled::carrying(Part::F446), &flash),
+                clock,
+                0,
+            )
+        }
+
+        fn open(&mut self) {
+            for key in KEYS {
+                self.write(0x04, key);
+            }
+        }
+
+        fn write(&mut self, offset: u32, value: u32) {
+            self.0.write(offset, value, self.2, &self.1).unwrap();
+        }
+
+        fn store(&mut self, offset: u32, bytes: &[u8]) {
+            self.0.store(offset, bytes, self.2, &self.1);
+        }
+
+        /// Lets the operation end, and says how long it took, us.
+        fn end(&mut self) -> u64 {
+            let until = self.0.next_event();
+            let took = (until - self.2) / 180;
+            self.2 = until;
+            self.0.advance(until);
+            took
+        }
+
+        fn word(&self, offset: u32) -> u32 {
+            let bytes = self.0.bytes(offset, 4).unwrap();
+            u32::from_le_bytes(bytes.try_into().unwrap())
+        }
+
+        fn status(&self) -> u32 {
+            self.0.read(SR).unwrap()
+        }
+    }
+
+    #[test]
+    fn a_sector_is_erased_and_a_word_is_programmed() {
+        let mut chip = Chip::new();
+        chip.open();
+        chip.write(CR, SER | 5 << 3 | 2 << 8);
+        chip.write(CR, SER | 5 << 3 | 2 << 8 | STRT);
+        assert_eq!(chip.status(), BSY);
+        assert!(!matches!(chip.word(HERE), 0x5A5A_5A5A | u32::MAX));
+        assert_eq!(chip.end(), 2_000_000);
+        assert_eq!((chip.status(), chip.word(HERE)), (0, u32::MAX));
+        assert_eq!(chip.word(HERE + SECTOR), 0x5A5A_5A5A);
+        chip.write(CR, PG | 2 << 8);
+        chip.store(HERE, &0x1234_5678_u32.to_le_bytes());
+        assert_eq!(chip.status(), BSY);
+        assert_eq!(chip.end(), 100);
+        assert_eq!((chip.status(), chip.word(HERE)), (0, 0x1234_5678));
+        // A second time leaves what both have.
+        chip.store(HERE, &0x0FF0_0FF0_u32.to_le_bytes());
+        chip.end();
+        assert_eq!(chip.word(HERE), 0x1234_5678 & 0x0FF0_0FF0);
+    }
+
+    #[test]
+    fn without_the_keys_nothing_changes() {
+        let mut chip = Chip::new();
+        chip.write(CR, PG | 2 << 8);
+        chip.store(HERE, &[0; 4]);
+        assert_eq!(chip.status(), PGSERR);
+        assert_eq!(chip.0.read(CR), Some(LOCK));
+        chip.write(SR, PGSERR);
+        assert_eq!(chip.status(), 0);
+        // A wrong key bars it until a reset.
+        chip.write(0x04, KEYS[1]);
+        chip.open();
+        assert_eq!(chip.0.read(CR), Some(LOCK));
+        chip.0.reset();
+        chip.open();
+        assert_eq!(chip.0.read(CR), Some(0));
+        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+    }
+
+    #[test]
+    fn what_does_not_fit_its_settings_is_refused() {
+        let mut chip = Chip::new();
+        chip.open();
+        chip.write(CR, PG);
+        chip.store(HERE, &[0; 4]);
+        assert_eq!(chip.status(), PGPERR);
+        chip.write(CR, PG | 2 << 8);
+        chip.store(HERE + 14, &[0; 4]);
+        assert_eq!(chip.status(), PGPERR | PGAERR);
+        chip.store(HERE + 2 * SECTOR, &[0; 4]);
+        assert_eq!(chip.status(), PGPERR | PGAERR | WRPERR);
+        chip.write(CR, STRT);
+        assert_eq!(chip.status() & PGSERR, PGSERR);
+        let refused = |chip: &mut Chip, cr| chip.0.write(CR, cr, 0, &chip.1.clone()).is_err();
+        assert!(refused(&mut chip, SER | 7 << 3 | STRT) && refused(&mut chip, SER | STRT));
+        assert!(refused(&mut chip, MER | STRT));
+        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+    }
+
+    #[test]
+    fn a_reset_leaves_what_was_running_half_done() {
+        let mut chip = Chip::new();
+        chip.open();
+        chip.write(CR, SER | 6 << 3 | 2 << 8 | STRT);
+        chip.0.reset();
+        assert_eq!((chip.status(), chip.0.next_event()), (0, NEVER));
+        assert!(!matches!(chip.word(HERE + SECTOR), 0x5A5A_5A5A | u32::MAX));
+        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+    }
+}
