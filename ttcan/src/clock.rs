@@ -74,29 +74,37 @@ impl Flags {
     }
 }
 
+/// A stamp, and the master's time at the same instant.
+struct Pair {
+    stamp: Stamp,
+    global: GlobalTime,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+// In this order, so that short instructions reach what is used most; see `Node`.
+#[repr(C)]
 pub(crate) struct Clock {
+    state: ClockState,
+    flags: Flags,
+    /// Corrections refused in a row.
+    refused: u8,
+    /// How long the filter has followed without a large error; see [`gains`].
+    settled: u8,
     ticks_per_us: u32,
+    /// A recent stamp, and the global time at it.
+    anchor: Stamp,
+    /// Rate of global time against the counter less 1, in 2^-32.
+    rate: i32,
+    global: GlobalTime,
     /// Nominal length of a tick in 2^-16 us, with 15 fractional bits (a
     /// resolution of 7e-9 at 16 ticks per microsecond).
     nominal: u32,
     /// The same, corrected by the rate.
     gain: u32,
-    /// Rate of global time against the counter less 1, in 2^-32.
-    rate: i32,
-    /// Largest rate, in 2^-32.
-    limit: i32,
-    /// A recent stamp, and the global time at it.
-    anchor: Stamp,
-    global: GlobalTime,
-    state: ClockState,
-    flags: Flags,
+    /// Largest rate either way, in 2^-32.
+    limit: u32,
     /// Ticks from the last correction to the anchor.
     since: i32,
-    /// Corrections refused in a row.
-    refused: u8,
-    /// How long the filter has followed without a large error; see [`gains`].
-    settled: u8,
     /// What the last correction left of the error, in 2^-16 us.
     rest: i32,
     /// The part of the last error that arose since the correction before, in 2^-16 us.
@@ -109,8 +117,6 @@ const GAIN_BITS: u32 = 15;
 /// exceeds it is corrected once the next reference shows it, too, because a single
 /// stamp may be disturbed by more.
 const LARGEST_STEP: i32 = 2 << GlobalTime::FRACTION_BITS;
-/// In microseconds.
-const ONE_SECOND: u32 = 1_000_000;
 /// Gains of the filter for offset and rate, in 2^-10, after so many good corrections. They are those of
 /// the least squares line through all stamps so far, so that noise of the first two stamps is soon
 /// forgotten, and stay what they are when there are enough of them: 2 (2n - 1) / (n (n + 1)) and
@@ -136,9 +142,9 @@ const RESTARTED: u8 = 1;
 const REFUSALS: u8 = 3;
 
 /// A rate of `ppm`, up to 10 000, in 2^-32.
-fn limit_of(ppm: u16) -> i32 {
+fn limit_of(ppm: u16) -> u32 {
     // 2^32 / 10^6, rounded.
-    i32::from(ppm.min(10_000) as i16) * 4295
+    u32::from(ppm.min(10_000)) * 4295
 }
 
 impl Clock {
@@ -168,7 +174,7 @@ impl Clock {
     /// master, and is unknown again.
     pub(crate) fn set_limit(&mut self, ppm: u16) {
         self.limit = limit_of(ppm);
-        if self.rate.unsigned_abs() > self.limit.unsigned_abs() {
+        if self.rate.unsigned_abs() > self.limit {
             self.unrate();
             if matches!(self.state, ClockState::Locked | ClockState::Suspended) {
                 self.state = ClockState::Offset;
@@ -251,13 +257,14 @@ impl Clock {
         (i64::from(ticks) * i64::from(gain)) >> GAIN_BITS
     }
 
-    /// Ticks that a time of the schedule takes on this node's counter.
+    /// Ticks that a time of the schedule takes on this node's counter: less than 2^31.
     pub(crate) fn ticks(&self, micros: u32) -> u32 {
         let nominal = micros.wrapping_mul(self.ticks_per_us);
         if !GLOBAL_TIME {
             return nominal;
         }
-        let correction = (i64::from(nominal) * i64::from(self.rate)) >> 32;
+        // With both signed, it is one instruction.
+        let correction = (i64::from(nominal.cast_signed()) * i64::from(self.rate)) >> 32;
         nominal.wrapping_sub(correction as u32)
     }
 
@@ -267,7 +274,7 @@ impl Clock {
         if self.has(Flags::RATED) {
             return 0;
         }
-        ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32
+        ((u64::from(micros) * u64::from(self.limit)) >> 32) as u32
     }
 
     /// Ticks in whole microseconds of global time; 0 for negative ticks.
@@ -357,8 +364,7 @@ impl Clock {
         global: GlobalTime,
         announced: (bool, bool),
     ) -> Correction {
-        let correction = self.approach(stamp, global, announced);
-        self.flags.put(Flags::ASSUMED, false);
+        let correction = self.approach(&Pair { stamp, global }, announced);
         let agreed = match correction {
             Correction::Applied => true,
             // Without the rate, the time is soon wrong again.
@@ -367,22 +373,21 @@ impl Clock {
             Correction::Suspended => !self.has(Flags::RATED),
             Correction::Postponed => self.is_agreed(),
         };
+        self.flags.put(Flags::ASSUMED, false);
         self.flags.put(Flags::AGREED, agreed);
         correction
     }
 
-    fn approach(
-        &mut self,
-        stamp: Stamp,
-        global: GlobalTime,
-        announced: (bool, bool),
-    ) -> Correction {
+    // Not inlined: on its own, it takes less code for its fields than as a part of a node.
+    #[inline(never)]
+    fn approach(&mut self, pair: &Pair, announced: (bool, bool)) -> Correction {
         let (discontinuity, announced) = announced;
+        let stamp = pair.stamp;
         let elapsed = stamp.ticks_since(self.anchor);
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
-        let span = self.micros(self.since.saturating_add(elapsed.max(0)));
-        let error = global.since(self.extrapolate(stamp));
+        let span = self.since.saturating_add(elapsed.max(0));
+        let error = saturated(pair.global.since(self.extrapolate(stamp)));
         let size = error.unsigned_abs();
         // Other nodes have the time of a master, too.
         let own = self.state == ClockState::Own;
@@ -390,7 +395,7 @@ impl Clock {
         let error_limit = self.error_limit(span);
         // A master announces a step to all nodes, also to those that have its time already.
         if first || (discontinuity && size > error_limit) {
-            self.leap(stamp, global, !self.has(Flags::RATED));
+            self.leap(pair, !self.has(Flags::RATED));
             if self.has(Flags::RATED) {
                 self.state = ClockState::Locked;
             }
@@ -398,29 +403,29 @@ impl Clock {
         }
         if elapsed <= 0 {
             // This node sent the reference itself, so the pair has no rate.
-            if size <= u64::from(LARGEST_STEP.unsigned_abs()) {
+            if size <= LARGEST_STEP.unsigned_abs() {
                 self.since = 0;
                 self.exact();
                 return Correction::Applied;
             }
-            if size <= self.error_limit(ONE_SECOND) {
-                self.leap(stamp, global, true);
+            let one_second = self.ticks_per_us.wrapping_mul(1_000_000).cast_signed();
+            if size <= self.error_limit(one_second) {
+                self.leap(pair, true);
                 return Correction::Stepped;
             }
         }
         // An error that was seen before waits for a second reference that agrees, and counts once.
-        let arisen = error.wrapping_sub(i64::from(self.rest)).unsigned_abs();
-        // More than 32 ms tell no rate.
-        if arisen > error_limit || (!self.has(Flags::RATED) && size > i32::MAX as u64) {
+        let arisen = error.saturating_sub(self.rest).unsigned_abs();
+        if arisen > error_limit {
             if announced && (self.has(Flags::RATED) || own) {
                 self.carry(stamp);
                 return Correction::Postponed;
             }
-            self.refused = self.refused.saturating_add(1);
+            let refused = self.refused.saturating_add(1);
+            self.refused = refused;
             if !self.has(Flags::RATED) && !own {
                 // One of the two pairs is wrong, and without a rate this node cannot tell which.
-                let refused = self.refused;
-                self.leap(stamp, global, true);
+                self.leap(pair, true);
                 self.refused = refused;
                 if refused < REFUSALS {
                     return Correction::Stepped;
@@ -428,8 +433,8 @@ impl Clock {
                 self.state = ClockState::Suspended;
                 return Correction::Suspended;
             }
-            if self.refused >= REFUSALS {
-                self.leap(stamp, global, true);
+            if refused >= REFUSALS {
+                self.leap(pair, true);
                 return Correction::Stepped;
             }
             if self.has(Flags::RATED) {
@@ -441,13 +446,13 @@ impl Clock {
             return Correction::Suspended;
         }
         if !self.has(Flags::RATED) {
-            self.set_rate(rate_of(saturated(error), span));
-            self.global = global;
-        } else if self.since > 0 && arisen > self.error_limit(self.micros(elapsed)) {
+            self.set_rate(rate_of(error, self.micros(span)));
+            self.global = pair.global;
+        } else if self.since > 0 && arisen > self.error_limit(elapsed) {
             // It added up while references were lost.
-            self.leap(stamp, global, false);
+            self.leap(pair, false);
         } else {
-            self.filter(stamp, saturated(error), span);
+            self.filter(stamp, error, self.micros(span));
         }
         self.anchor = stamp;
         self.since = 0;
@@ -494,11 +499,16 @@ impl Clock {
         self.set_rate(self.rate.saturating_add(rate_of(rate, span)));
     }
 
-    /// Largest error that the drift limit allows for a time between two stamps, in 2^-16 us, and
-    /// 2 us for their noise. `span` is in microseconds. From 268 s on it does not grow.
-    fn error_limit(&self, span: u32) -> u64 {
-        let allowed = u64::from(span.min(1 << 28)) * u64::from(self.limit.unsigned_abs());
-        (allowed >> GlobalTime::FRACTION_BITS) + u64::from(LARGEST_STEP.unsigned_abs())
+    /// Largest error that the drift limit allows for a number of ticks between two stamps, in
+    /// 2^-16 us, and 2 us for their noise. It is less than what [`saturated`] leaves of
+    /// an error beyond 32 ms: such an error tells no rate.
+    // In every place that calls it, it would be in an image three times.
+    #[inline(never)]
+    fn error_limit(&self, ticks: i32) -> u32 {
+        let allowed = u64::from(self.micros(ticks)) * u64::from(self.limit);
+        let most = (i32::MAX - 1 - LARGEST_STEP).unsigned_abs();
+        let allowed = (allowed >> GlobalTime::FRACTION_BITS).min(u64::from(most));
+        allowed as u32 + LARGEST_STEP.unsigned_abs()
     }
 
     /// The time has no known error.
@@ -508,10 +518,10 @@ impl Clock {
     }
 
     #[inline(never)]
-    fn leap(&mut self, stamp: Stamp, global: GlobalTime, forget_rate: bool) {
-        self.anchor = stamp;
+    fn leap(&mut self, pair: &Pair, forget_rate: bool) {
+        self.anchor = pair.stamp;
         self.since = 0;
-        self.global = global;
+        self.global = pair.global;
         self.exact();
         self.refused = 0;
         if forget_rate {
@@ -523,7 +533,8 @@ impl Clock {
     #[inline(never)]
     fn set_rate(&mut self, rate: i32) {
         // Not `clamp`, which panics if its limits are out of order.
-        self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
+        let limit = self.limit.cast_signed();
+        self.rate = rate.min(limit).max(limit.wrapping_neg());
         let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
         self.gain = self.nominal.wrapping_add_signed(correction as i32);
     }
@@ -536,8 +547,14 @@ fn within_noise(error: i32) -> i32 {
 
 /// Saturates at 32 ms, in 2^-16 us.
 fn saturated(time: i64) -> i32 {
-    let most = i64::from(i32::MAX);
-    time.min(most).max(-most) as i32
+    let low = time as i32;
+    if i64::from(low) == time {
+        low
+    } else if time < 0 {
+        i32::MIN
+    } else {
+        i32::MAX
+    }
 }
 
 /// What two errors in a row have in common: the smaller one, or 0 if their signs differ.
@@ -850,7 +867,7 @@ mod tests {
                             clock.correct(stamp, time, (other == 6, other == 7));
                         }
                     }
-                    assert!(clock.rate.abs() <= clock.limit);
+                    assert!(clock.rate.unsigned_abs() <= clock.limit);
                     let _ = clock.at(stamp);
                     let _ = clock.ticks(step).wrapping_add(clock.rate_error(step));
                     let _ = clock.micros(step.cast_signed());

@@ -67,11 +67,7 @@ impl Id {
 
     /// The identifier's number, the same for both formats.
     pub const fn raw(self) -> u32 {
-        if self.is_extended() {
-            self.0 >> 1
-        } else {
-            self.0 >> 19
-        }
+        self.0 >> self.place()
     }
 
     /// Whether this is a 29-bit identifier.
@@ -92,15 +88,30 @@ impl Id {
         }
     }
 
-    /// Whether only the three lowest bits differ, in which references carry their rank.
-    pub(crate) const fn is_ranked_as(self, other: Self) -> bool {
-        let differ = self.0 ^ other.0;
-        let ranks = if other.is_extended() {
-            0b111 << 1
-        } else {
-            0b111 << 19
-        };
-        differ & !ranks == 0
+    /// The identifier of the reference of the master of this rank, from that of rank 0. The matrix has
+    /// no rank for which there is none.
+    pub(crate) const fn of_rank(self, rank: u8) -> Self {
+        Self(self.0.wrapping_add((rank as u32) << self.place()))
+    }
+
+    /// The rank that a reference with this identifier has, from the identifier of rank 0.
+    pub(crate) const fn rank(self, first: Self) -> u32 {
+        self.0.wrapping_sub(first.0) >> self.place()
+    }
+
+    /// Where the lowest bit of the identifier is.
+    const fn place(self) -> u32 {
+        if self.is_extended() { 1 } else { 19 }
+    }
+
+    /// Mask of all bits but the three lowest of the identifier, in which references carry their rank.
+    pub(crate) const fn all_but_rank(self) -> u32 {
+        !(0b111 << self.place())
+    }
+
+    /// Whether both are equal where a mask such as [`Id::all_but_rank`] is set.
+    pub(crate) const fn agrees_in(self, other: Self, mask: u32) -> bool {
+        (self.0 ^ other.0) & mask == 0
     }
 
     /// All bits of an identifier of this format.
@@ -115,8 +126,7 @@ impl Id {
     /// Whether both have the same format and the same bits where `mask` is set. It is of the
     /// identifier's number, within [`Id::all_bits`].
     pub(crate) const fn agrees(self, other: Self, mask: u32) -> bool {
-        let place = if self.is_extended() { 1 } else { 19 };
-        (self.0 ^ other.0) & (mask << place | EXTENDED) == 0
+        (self.0 ^ other.0) & (mask << self.place() | EXTENDED) == 0
     }
 
     pub(crate) const fn equals(self, other: Self) -> bool {

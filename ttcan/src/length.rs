@@ -145,8 +145,8 @@ impl Line {
     }
 }
 
-/// Bytes in front of the data in [`frame_bits`].
-const HEAD: usize = 5;
+/// Bytes in front of the data in [`frame_bits`]: whole words, so that they are stored as such.
+const HEAD: usize = 8;
 
 /// Exact length of a data frame from its start of frame to the last bit of its
 /// end of frame, stuff bits included, in bit times.
@@ -159,20 +159,18 @@ pub const fn frame_bits(frame: &Frame) -> u32 {
     // behind one, in five. The CRC of leading zeros is 0. The state before them is such that the
     // last zero is the fifth of a run. Its stuff bit leaves the state of the idle bus, which is
     // recessive, and is not of the frame.
-    let (begin, run, head) = if id.is_extended() {
+    let (begin, run, high, low) = if id.is_extended() {
         // Start of frame, 11 bits, SRR and IDE, which are recessive, 18 bits, RTR and two reserved
         // bits, the data length code.
-        let high = raw >> 18 << 2 | 0b11;
-        let low = (raw & 0x3_FFFF) << 7 | len as u32;
-        (0, 3 << NIBBLE, (high as u64) << 25 | low as u64)
+        let low = 0b11 << 25 | raw >> 18 << 27 | (raw & 0x3_FFFF) << 7 | len as u32;
+        (HEAD - 5, 3 << NIBBLE, raw >> 23, low)
     } else {
         // Start of frame, 11 bits, RTR, IDE and a reserved bit, the data length code.
-        (HEAD - 3, 4 << NIBBLE, (raw << 7 | len as u32) as u64)
+        (HEAD - 3, 4 << NIBBLE, 0, raw << 7 | len as u32)
     };
-    let [_, _, _, a, b, c, d, e] = head.to_be_bytes();
-    let [f, g, h, i, j, k, l, m] = frame.buffer();
-    // Three more, so that every index of four bits is one of a byte.
-    let bytes = [a, b, c, d, e, f, g, h, i, j, k, l, m, 0, 0, 0];
+    let head = (high as u64) << 32 | low as u64;
+    let bytes = [head.to_be_bytes(), frame.buffer()];
+    let bytes = bytes.as_flattened();
     let mut line = Line {
         crc: 0,
         run,
@@ -183,15 +181,20 @@ pub const fn frame_bits(frame: &Frame) -> u32 {
     // One loop for all parts of a frame, so that the analysis of the images finds its longest run, of 13
     // bytes.
     while at < end && at < HEAD + 8 {
+        // Every index of four bits is one of a byte.
         let bits = (bytes[at & 15] as u32) << 24;
         line = line.after_nibble(bits).after_nibble(bits << 4);
         at += 1;
     }
     // The CRC sequence is stuffed, too. A bit behind its 15 makes whole nibbles. It is the opposite of
     // the last one, so that no stuff bit follows it.
-    let crc = line.crc | (!line.crc & 1 << 17) >> 1;
-    line = line.after_stuffing(crc).after_stuffing(crc << 4);
-    line = line.after_stuffing(crc << 8).after_stuffing(crc << 12);
+    let mut crc = line.crc | (!line.crc & 1 << 17) >> 1;
+    let mut nibbles = 0;
+    while nibbles < 4 {
+        line = line.after_stuffing(crc);
+        crc <<= 4;
+        nibbles += 1;
+    }
     // Less the one of the zeros in front.
     shortest_bits(id, len) + line.stuffed - 1
 }

@@ -1,41 +1,68 @@
 //! The queue of messages that wait for an arbitrating window.
 
+use core::num::NonZeroU8;
+
 use crate::frame::Frame;
 use crate::id::Id;
 use crate::time::Stamp;
 
-/// A message in the queue.
+/// What is to be sent. The numbers leave 0 for a place without a message, so that an empty queue is all
+/// zeros, which takes less code to make.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Item {
-    Event(Frame),
+#[repr(u8)]
+pub(crate) enum Kind {
+    /// An event message.
+    Event = 1,
     /// A scheduled message that missed its window.
-    Late {
-        window: u16,
-        id: Id,
-        len: u8,
-    },
+    Late = 2,
+}
+
+/// A message in the queue. Both kinds have the same fields, so that the queue does not have to tell
+/// them apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Item {
+    pub(crate) kind: Kind,
+    /// The window that a late message missed; 0 for an event message.
+    pub(crate) window: u16,
+    /// A late message has no data yet.
+    pub(crate) frame: Frame,
 }
 
 impl Item {
-    pub(crate) fn id(&self) -> Id {
-        match self {
-            Self::Event(frame) => frame.id(),
-            Self::Late { id, .. } => *id,
+    pub(crate) const fn event(frame: Frame) -> Self {
+        Self {
+            kind: Kind::Event,
+            window: 0,
+            frame,
         }
     }
 
-    pub(crate) fn len(&self) -> u8 {
-        match self {
-            Self::Event(frame) => frame.len(),
-            Self::Late { len, .. } => *len,
+    pub(crate) const fn late(window: u16, id: Id, len: u8) -> Self {
+        Self {
+            kind: Kind::Late,
+            window,
+            frame: Frame::from_parts(id, len, [0; 8]),
         }
+    }
+}
+
+/// A place in the queue, counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Place(NonZeroU8);
+
+impl Place {
+    /// The place of an index in the array.
+    fn of(index: usize) -> Option<Self> {
+        NonZeroU8::new((index as u8).wrapping_add(1)).map(Self)
+    }
+
+    fn index(self) -> usize {
+        usize::from(self.0.get()) - 1
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Waiting {
-    /// Identifier of the item, copied for quick comparison.
-    id: Id,
     /// Running number, for the order among equal identifiers.
     turn: u32,
     expires: Stamp,
@@ -43,11 +70,15 @@ struct Waiting {
 }
 
 impl Waiting {
+    fn id(&self) -> Id {
+        self.item.frame.id()
+    }
+
     fn goes_before(&self, other: &Self) -> bool {
-        if self.id == other.id {
+        if self.id() == other.id() {
             self.turn.wrapping_sub(other.turn).cast_signed() < 0
         } else {
-            self.id < other.id
+            self.id() < other.id()
         }
     }
 }
@@ -59,27 +90,29 @@ impl Waiting {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Queue<const Q: usize> {
     places: [Option<Waiting>; Q],
-    count: usize,
     turn: u32,
-    first: Option<u8>,
+    first: Option<Place>,
 }
 
 impl<const Q: usize> Queue<Q> {
-    pub(crate) const fn new() -> Self {
-        Self {
-            places: [None; Q],
-            count: 0,
-            turn: 0,
-            first: None,
-        }
-    }
+    /// A constant, because a value that is made at run time is built on the stack first.
+    pub(crate) const EMPTY: Self = Self {
+        places: [None; Q],
+        turn: 0,
+        first: None,
+    };
 
     pub(crate) const fn is_empty(&self) -> bool {
-        self.count == 0
+        self.first.is_none()
     }
 
-    pub(crate) const fn len(&self) -> usize {
-        self.count
+    #[cfg(feature = "events")]
+    pub(crate) fn len(&self) -> usize {
+        self.places.iter().flatten().count()
+    }
+
+    fn waiting(&self, place: Option<Place>) -> Option<&Waiting> {
+        self.places.get(place?.index())?.as_ref()
     }
 
     /// Inserts a message, in the place of one that expired by `now` if need be.
@@ -93,35 +126,28 @@ impl<const Q: usize> Queue<Q> {
         item: Item,
         expires: Stamp,
         now: Stamp,
-        kept: Option<u8>,
+        kept: Option<Place>,
     ) -> Option<u32> {
-        let turn = self.turn;
         let new = Waiting {
-            id: item.id(),
-            turn,
+            turn: self.turn,
             expires,
             item,
         };
-        let before = match self.first.map(|first| self.places.get(usize::from(first))) {
-            Some(Some(Some(first))) => new.goes_before(first),
-            _ => true,
-        };
-        for (at, place) in self.places.iter_mut().enumerate() {
-            let at = at as u8;
-            let expired = place
-                .as_ref()
-                .is_some_and(|waiting| now.reached(waiting.expires))
-                && self.first != Some(at)
-                && kept != Some(at);
-            if place.is_none() || expired {
-                *place = Some(new);
-                if before {
-                    self.first = Some(at);
-                }
-                self.turn = turn.wrapping_add(1);
-                self.count += usize::from(!expired);
-                return Some(u32::from(expired));
+        let first = self.waiting(self.first);
+        let before = first.is_none_or(|first| new.goes_before(first));
+        for (index, place) in self.places.iter_mut().enumerate() {
+            let at = Place::of(index);
+            if let Some(waiting) = place
+                && (!now.reached(waiting.expires) || at == self.first || at == kept)
+            {
+                continue;
             }
+            let expired = place.replace(new).is_some();
+            if before {
+                self.first = at;
+            }
+            self.turn = self.turn.wrapping_add(1);
+            return Some(u32::from(expired));
         }
         None
     }
@@ -132,20 +158,20 @@ impl<const Q: usize> Queue<Q> {
     #[inline(never)]
     pub(crate) fn has(&self, id: Id) -> bool {
         let mut waiting = self.places.iter().flatten();
-        waiting.any(|waiting| waiting.id == id)
+        waiting.any(|waiting| waiting.id() == id)
     }
 
     /// Puts a message in the place of one of its identifier, except the one at `kept`. It keeps that
     /// one's turn. False if there is none.
     #[cfg(feature = "events")]
     #[inline(never)]
-    pub(crate) fn replace(&mut self, item: Item, expires: Stamp, kept: Option<u8>) -> bool {
-        let id = item.id();
+    pub(crate) fn replace(&mut self, item: Item, expires: Stamp, kept: Option<Place>) -> bool {
+        let id = item.frame.id();
         let mut older: Option<&mut Waiting> = None;
-        for (at, place) in self.places.iter_mut().enumerate() {
+        for (index, place) in self.places.iter_mut().enumerate() {
             if let Some(waiting) = place
-                && waiting.id == id
-                && kept != Some(at as u8)
+                && waiting.id() == id
+                && kept != Place::of(index)
             {
                 older = Some(waiting);
             }
@@ -158,55 +184,48 @@ impl<const Q: usize> Queue<Q> {
     }
 
     /// The place of the first message, and whether it has expired by `now`.
-    pub(crate) fn first(&self, now: Stamp) -> Option<(u8, bool)> {
-        let at = self.first?;
-        let waiting = self.places.get(usize::from(at))?.as_ref()?;
-        Some((at, now.reached(waiting.expires)))
-    }
-
-    fn find_first(&self) -> Option<u8> {
-        let mut first: Option<(u8, &Waiting)> = None;
-        for (at, place) in self.places.iter().enumerate() {
-            if let Some(waiting) = place
-                && first.is_none_or(|(_, first)| waiting.goes_before(first))
-            {
-                first = Some((at as u8, waiting));
-            }
-        }
-        first.map(|(at, _)| at)
+    pub(crate) fn first(&self, now: Stamp) -> Option<(Place, bool)> {
+        let waiting = self.waiting(self.first)?;
+        Some((self.first?, now.reached(waiting.expires)))
     }
 
     /// The message at a place.
-    pub(crate) fn get(&self, place: u8) -> Option<&Item> {
-        self.places
-            .get(usize::from(place))?
-            .as_ref()
-            .map(|waiting| &waiting.item)
+    pub(crate) fn get(&self, place: Place) -> Option<&Item> {
+        self.waiting(Some(place)).map(|waiting| &waiting.item)
+    }
+
+    fn find_first(&self) -> Option<Place> {
+        let mut first: Option<(usize, &Waiting)> = None;
+        for (index, place) in self.places.iter().enumerate() {
+            if let Some(waiting) = place
+                && first.is_none_or(|(_, first)| waiting.goes_before(first))
+            {
+                first = Some((index, waiting));
+            }
+        }
+        first.and_then(|(index, _)| Place::of(index))
     }
 
     /// Removes the message at a place.
     #[inline(never)]
-    pub(crate) fn remove(&mut self, place: u8) {
-        if let Some(place) = self.places.get_mut(usize::from(place))
-            && place.is_some()
-        {
+    pub(crate) fn remove(&mut self, place: Place) {
+        if let Some(place) = self.places.get_mut(place.index()) {
             *place = None;
-            self.count = self.count.saturating_sub(1);
-            self.first = self.find_first();
         }
+        self.first = self.find_first();
     }
 
     pub(crate) fn clear(&mut self) {
-        *self = Self::new();
+        *self = Self::EMPTY;
     }
 
     /// Moves all deadlines so that `now` becomes stamp 0, and sorts the messages so
     /// that queues with the same messages are equal. Returns the new place of the
     /// message at `place`.
     #[cfg(feature = "std")]
-    pub(crate) fn shift(&mut self, now: Stamp, place: u8) -> u8 {
+    pub(crate) fn shift(&mut self, now: Stamp, place: Option<Place>) -> Option<Place> {
         let turn = |waiting: &Option<Waiting>| waiting.as_ref().map(|waiting| waiting.turn);
-        let followed = self.places.get(usize::from(place)).and_then(turn);
+        let followed = place.and_then(|place| turn(self.places.get(place.index())?));
         self.places.sort_by(|one, other| match (one, other) {
             (Some(one), Some(other)) if one.goes_before(other) => core::cmp::Ordering::Less,
             (Some(_), Some(_)) => core::cmp::Ordering::Greater,
@@ -223,6 +242,6 @@ impl<const Q: usize> Queue<Q> {
             self.turn += 1;
         }
         self.first = self.find_first();
-        moved.map_or(place, |moved| moved as u8)
+        moved.and_then(Place::of).or(place)
     }
 }

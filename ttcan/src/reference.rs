@@ -27,6 +27,8 @@ pub struct ReferenceFormat {
     coarse: Option<u8>,
     control: u8,
     mark: Option<u8>,
+    /// Number of data bytes with all fields.
+    longest: u8,
 }
 
 impl ReferenceFormat {
@@ -47,6 +49,10 @@ impl ReferenceFormat {
             coarse,
             control,
             mark,
+            longest: match mark {
+                Some(mark) => mark.saturating_add(2),
+                None => control.saturating_add(1),
+            },
         }
     }
 
@@ -69,10 +75,7 @@ impl ReferenceFormat {
 
     /// Number of data bytes of a reference with all fields.
     pub const fn longest(&self) -> u8 {
-        match self.mark {
-            Some(mark) => mark.saturating_add(2),
-            None => self.control.saturating_add(1),
-        }
+        self.longest
     }
 
     /// Whether references carry the fields of level 2.
@@ -126,7 +129,7 @@ pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime 
     };
     // 2^32 ms are 1000 times 2^48 of the time's units; 500 of them are half.
     let ahead = (known.since(time) >> 48) as i32;
-    let wraps = (ahead + 500).div_euclid(1000).max(0);
+    let wraps = (ahead + 500).max(0).cast_unsigned() / 1000;
     time.offset(i64::from(wraps).wrapping_mul(1000 << 48))
 }
 
@@ -135,16 +138,16 @@ impl Fields {
     pub(crate) fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
         let mut data = *application;
         if let (Some(at), Some(coarse)) = (format.coarse, self.coarse) {
-            put(&mut data, at, &coarse.to_be_bytes());
+            put(&mut data, at, coarse.to_be_bytes());
         }
         let control = self.cycle & CYCLE
             | if self.next_is_gap { GAP } else { 0 }
             | if self.discontinuity { DISCONTINUITY } else { 0 };
-        put(&mut data, format.control, &[control]);
-        let mut len = format.control.saturating_add(1);
+        put(&mut data, format.control, [control]);
+        let mut len = format.control.wrapping_add(1);
         if let (Some(at), Some(mark)) = (format.mark, self.mark) {
-            put(&mut data, at, &mark.to_be_bytes());
-            len = at.saturating_add(2);
+            put(&mut data, at, mark.to_be_bytes());
+            len = format.longest;
         }
         Frame::from_parts(id, len, data)
     }
@@ -178,10 +181,10 @@ impl Fields {
     }
 }
 
-#[inline(never)]
-fn put(data: &mut [u8; 8], at: u8, bytes: &[u8]) {
-    for (to, from) in data.iter_mut().skip(usize::from(at)).zip(bytes) {
-        *to = *from;
+fn put<const N: usize>(data: &mut [u8; 8], at: u8, bytes: [u8; N]) {
+    let behind = data.get_mut(usize::from(at)..);
+    if let Some(field) = behind.and_then(<[u8]>::first_chunk_mut) {
+        *field = bytes;
     }
 }
 

@@ -20,12 +20,13 @@ pub enum ErrorLevel {
     Severe(Severe),
 }
 
-/// Cause of S3.
+/// Cause of S3. The numbers leave those below for the other error levels, so that levels are compared
+/// as numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Severe {
     /// The watch trigger (Watch_Trigger): references ceased.
-    Watch,
+    Watch = 3,
     /// The controller went bus-off.
     BusOff,
     /// The application did not feed its watchdog in time.
@@ -87,17 +88,24 @@ pub(crate) struct Counts<const W: usize> {
 }
 
 impl<const W: usize> Counts<W> {
-    pub(crate) const fn new(exclusive: u16) -> Self {
-        Self {
-            windows: [WindowStatus {
-                status_count: 0,
-                missed: 0,
-            }; W],
-            at: [exclusive, 0, 0, 0, 0, 0, 0, 0],
-            present: 1,
-            own_full: 0,
-            others_full: 0,
-        }
+    /// No window.
+    const NEW: Self = Self {
+        windows: [WindowStatus {
+            status_count: 0,
+            missed: 0,
+        }; W],
+        at: [0; FULL as usize + 1],
+        present: 0,
+        own_full: 0,
+        others_full: 0,
+    };
+
+    /// `exclusive` windows, all with a count of 0.
+    fn restart(&mut self, exclusive: u16) {
+        *self = Self::NEW;
+        let [at_none, ..] = &mut self.at;
+        *at_none = exclusive;
+        self.present = 1;
     }
 
     pub(crate) fn get(&self, window: u16) -> Option<WindowStatus> {
@@ -325,25 +333,26 @@ impl Budget {
 
 /// What a node learns about the network and itself, and its error level.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
+// What is used most is in front of the arrays, where short instructions reach it.
+#[repr(C)]
 pub(crate) struct Supervision<const W: usize, const P: usize> {
-    counts: Counts<W>,
-    peers: [Peer; P],
-    budget: Budget,
     pub(crate) missing: Missing,
     level: ErrorLevel,
+    budget: Budget,
+    counts: Counts<W>,
+    peers: [Peer; P],
 }
 
 impl<const W: usize, const P: usize> Supervision<W, P> {
-    /// Nothing known of `exclusive` exclusive windows.
-    pub(crate) fn new(exclusive: u16) -> Self {
-        Self {
-            counts: Counts::new(exclusive),
-            peers: [Peer::NEW; P],
-            budget: Budget::NEW,
-            missing: Missing::InRow(0),
-            level: ErrorLevel::None,
-        }
-    }
+    /// Nothing known, before the first [`Self::reset`]. A constant, because a value that is made at run
+    /// time is built on the stack first.
+    pub(crate) const NEW: Self = Self {
+        missing: Missing::InRow(0),
+        level: ErrorLevel::None,
+        budget: Budget::NEW,
+        counts: Counts::NEW,
+        peers: [Peer::NEW; P],
+    };
 
     /// Begins everything anew.
     pub(crate) fn reset(&mut self, exclusive: u16) {
@@ -356,7 +365,7 @@ impl<const W: usize, const P: usize> Supervision<W, P> {
 
     /// Begins status counts and budget anew. S3 stays.
     pub(crate) fn clear(&mut self, exclusive: u16) {
-        self.counts = Counts::new(exclusive);
+        self.counts.restart(exclusive);
         self.budget = Budget::NEW;
         self.assess();
     }

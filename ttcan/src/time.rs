@@ -73,14 +73,21 @@ impl GlobalTime {
 
     /// Whole milliseconds since the epoch, as the reference message carries
     /// them (wraps after 49 days).
+    // The optimiser would give each branch of a caller a copy.
+    #[inline(never)]
     pub const fn as_millis(self) -> u32 {
         // Long division by hand, because a 64-bit division is a library call on
-        // the targets.
-        let micros = self.as_micros();
-        let (high, low) = ((micros >> 32) as u32, micros as u32);
-        let upper = ((high % 1000) << 16) | (low >> 16);
-        let lower = ((upper % 1000) << 16) | (low & 0xFFFF);
-        ((upper / 1000) << 16) | (lower / 1000)
+        // the targets. The first of the quotient's digits is lost as it wraps.
+        let mut time = self.0;
+        let (mut millis, mut rest, mut places) = (0, 0, 0);
+        while places < 3 {
+            let digits = rest << 16 | (time >> 48) as u32;
+            millis = (millis << 16) | (digits / 1000);
+            rest = digits % 1000;
+            time <<= 16;
+            places += 1;
+        }
+        millis
     }
 
     /// This time plus `raw` 2^-16 us.

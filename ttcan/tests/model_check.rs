@@ -17,7 +17,7 @@ use std::io::Write;
 use std::time::Instant;
 
 use stateright::{Checker, Expectation, Model, Property};
-use ttcan::guardian::{Gates, Guardian, GuardianConfig, Lines};
+use ttcan::guardian::{Guardian, GuardianConfig, Lines};
 use ttcan::{
     Action, ClockState, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node,
     NodeConfig, NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix,
@@ -116,18 +116,24 @@ enum Level {
     Recessive,
 }
 
-/// A guardian of the three nodes, and a node that babbles.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Guard {
-    guardian: Guardian<'static, 3>,
-    open: Gates,
-    /// The lines that are dominant.
-    dominant: u32,
-    babbler: Option<(usize, Frame)>,
+/// Who watches the lines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Watchers {
+    Nobody,
+    /// A guardian of all nodes, with each bit's look.
+    Central,
+    /// A guardian for each node, which sees its own line only and sleeps while that is at rest.
+    Own,
 }
 
-impl Guard {
-    fn new() -> Self {
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Guardians {
+    Central(Box<Guardian<'static, 3>>),
+    Own(Vec<Guardian<'static, 1>>),
+}
+
+impl Guardians {
+    fn new(watchers: Watchers) -> Option<Self> {
         let config = GuardianConfig {
             jitter: micros(0),
             // Two nodes at the ends of the drift that the model chooses.
@@ -141,15 +147,107 @@ impl Guard {
             ..GuardianConfig::new(1, micros(0))
         };
         let nodes = [NodeId(0), NodeId(1), NodeId(2)];
-        let mut guardian = Guardian::new(SCHEDULE.view(), config, nodes, Stamp(0))
-            .expect("the configuration is sound");
-        let open = guardian.look(Lines::default(), Stamp(0));
-        Self {
-            guardian,
-            open,
+        let sound = "the configuration is sound";
+        match watchers {
+            Watchers::Nobody => None,
+            Watchers::Central => {
+                let guardian = Guardian::new(SCHEDULE.view(), config, nodes, Stamp(0));
+                Some(Self::Central(Box::new(guardian.expect(sound))))
+            }
+            Watchers::Own => {
+                let own =
+                    |node| Guardian::new(SCHEDULE.view(), config, [node], Stamp(0)).expect(sound);
+                Some(Self::Own(nodes.map(own).into()))
+            }
+        }
+    }
+
+    /// Lets the guardians look. `open` has the gates that are open, bit by bit.
+    fn look(&mut self, lines: Lines, now: Stamp, open: &mut u32) {
+        match self {
+            Self::Central(guardian) => *open = guardian.look(lines, now).bits(),
+            Self::Own(guardians) => {
+                for (node, guardian) in guardians.iter_mut().enumerate() {
+                    let own = Lines {
+                        dominant: lines.dominant >> node & 1,
+                        fell: lines.fell >> node & 1,
+                    };
+                    if own != Lines::default() || !guardian.is_at_rest() {
+                        let bits = guardian.look(own, now).bits();
+                        *open = *open & !(1 << node) | bits << node;
+                    }
+                }
+            }
+        }
+    }
+
+    /// When a look changes something. Guardians that sleep need none.
+    fn due(&self) -> Option<Stamp> {
+        let earlier = |one: Stamp, other: Stamp| if other.reached(one) { one } else { other };
+        match self {
+            Self::Central(guardian) => Some(guardian.due()),
+            Self::Own(guardians) => {
+                let awake = guardians.iter().filter(|guardian| !guardian.is_at_rest());
+                awake.map(Guardian::due).reduce(earlier)
+            }
+        }
+    }
+
+    fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
+        match self {
+            Self::Central(guardian) => guardian.handle_frame(frame, stamp),
+            Self::Own(guardians) => {
+                for guardian in guardians {
+                    guardian.handle_frame(frame, stamp);
+                }
+            }
+        }
+    }
+
+    /// How often a node was cut.
+    fn trips(&self, node: usize) -> u16 {
+        match self {
+            Self::Central(guardian) => guardian.trips(node).0,
+            Self::Own(guardians) => guardians[node].trips(0).0,
+        }
+    }
+
+    fn renumbered(self, now: Stamp) -> Self {
+        match self {
+            Self::Central(guardian) => Self::Central(Box::new(guardian.renumbered(now))),
+            Self::Own(guardians) => {
+                let guardians = guardians.into_iter();
+                Self::Own(guardians.map(|guardian| guardian.renumbered(now)).collect())
+            }
+        }
+    }
+}
+
+/// Guardians of the three nodes, and a node that babbles.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Guard {
+    guardians: Guardians,
+    /// The gates that are open.
+    open: u32,
+    /// The lines that are dominant.
+    dominant: u32,
+    babbler: Option<(usize, Frame)>,
+}
+
+impl Guard {
+    fn new(guardians: Guardians) -> Self {
+        let mut guard = Self {
+            guardians,
+            open: 0b111,
             dominant: 0,
             babbler: None,
-        }
+        };
+        guard.poll();
+        guard
+    }
+
+    fn is_open(&self, node: usize) -> bool {
+        self.open >> node & 1 == 1
     }
 
     fn poll(&mut self) {
@@ -161,13 +259,13 @@ impl Guard {
             dominant: self.dominant,
             fell,
         };
-        self.open = self.guardian.look(lines, now);
+        self.guardians.look(lines, now, &mut self.open);
     }
 
     /// Ticks until a look changes something.
-    fn due(&self) -> u32 {
-        let due = self.guardian.due();
-        due.ticks_since(Stamp(0)).max(0).unsigned_abs()
+    fn due(&self) -> Option<u32> {
+        let due = self.guardians.due()?;
+        Some(due.ticks_since(Stamp(0)).max(0).unsigned_abs())
     }
 
     /// An edge so many bits ago.
@@ -193,7 +291,21 @@ impl Guard {
 
     /// Whether a node that does not babble was cut.
     fn is_wrong(&self) -> bool {
-        (0..3).any(|node| !self.is_babbler(node) && self.guardian.trips(node).0 > 0)
+        (0..3).any(|node| {
+            !self.is_babbler(node) && !self.is_imitated(node) && self.guardians.trips(node) > 0
+        })
+    }
+
+    /// Whether the babbler destroys the references of this potential master with its identifier. A guardian of
+    /// one node sees that they fail, and not why: it may cut the master for that.
+    fn is_imitated(&self, node: usize) -> bool {
+        let config = MATRIX.config();
+        let reference = config.reference.offset(node as u8);
+        matches!(self.guardians, Guardians::Own(_))
+            && node < config.masters.len()
+            && self
+                .babbler
+                .is_some_and(|(_, frame)| Some(frame.id()) == reference)
     }
 }
 
@@ -285,8 +397,8 @@ struct Network {
     /// Whether the references carry global time. The clocks have no drift then, and the search ends
     /// when no fault was for the time of recovery.
     timed: bool,
-    /// Whether a guardian watches. The search then ends when no fault was for the time of recovery.
-    guarded: bool,
+    /// With guardians, the search ends when no fault was for the time of recovery.
+    guarded: Watchers,
     /// Whether a node begins to babble.
     babble: bool,
 }
@@ -380,7 +492,7 @@ impl State {
             };
         }
         if let Some(guard) = &mut self.guard {
-            guard.guardian = guard.guardian.clone().renumbered(Stamp(time));
+            guard.guardians = guard.guardians.clone().renumbered(Stamp(time));
             guard.poll();
         }
         self.announced = self
@@ -412,14 +524,13 @@ impl State {
             .stations
             .iter()
             .any(|station| station.mailbox.is_some());
-        let babbles = self.guard.as_ref().is_some_and(|guard| {
-            guard
-                .babbler
-                .is_some_and(|(node, _)| guard.open.is_open(node))
-        });
+        let babbles = self
+            .guard
+            .as_ref()
+            .is_some_and(|guard| guard.babbler.is_some_and(|(node, _)| guard.is_open(node)));
         let waiting = waiting || babbles;
         let idle = (self.on_bus.is_none() && waiting).then_some(self.interframe);
-        let asked = self.guard.as_ref().map(Guard::due);
+        let asked = self.guard.as_ref().and_then(Guard::due);
         // A start can happen in any quarter of a basic cycle, and at three instants in two basic
         // cycles where the states are many.
         let off = self.stations.iter().any(|station| !station.powered) && !self.babbles();
@@ -495,7 +606,7 @@ impl State {
             .collect();
         if let Some(guard) = &self.guard
             && let Some(babbler) = guard.babbler
-            && guard.open.is_open(babbler.0)
+            && guard.is_open(babbler.0)
         {
             contenders.push(babbler);
         }
@@ -556,7 +667,7 @@ impl State {
             collides |= equal && index != sender;
         }
         guard.poll();
-        if !guard.open.is_open(sender) || collides {
+        if !guard.is_open(sender) || collides {
             Fate::Destroyed
         } else {
             fate
@@ -572,7 +683,7 @@ impl State {
             self.violation.get_or_insert(Violation::Cut);
         }
         if let Some(on_bus) = &mut self.on_bus
-            && !guard.open.is_open(on_bus.sender)
+            && !guard.is_open(on_bus.sender)
             && on_bus.fate != Fate::Destroyed
         {
             on_bus.fate = Fate::Destroyed;
@@ -598,7 +709,7 @@ impl State {
             }
         }
         if !destroyed {
-            guard.guardian.handle_frame(&ended.frame, Stamp(0));
+            guard.guardians.handle_frame(&ended.frame, Stamp(0));
         }
         guard.poll();
     }
@@ -624,7 +735,7 @@ impl State {
                     usize::from(station.node.id().0) == sender || status.missed == 0
                 })
             });
-        guard.guardian.trips(babbler).0 > 0 && complete
+        guard.guardians.trips(babbler) > 0 && complete
     }
 
     /// Checks that a message that begins now is in one of its windows.
@@ -734,7 +845,7 @@ impl Model for Network {
             violation: None,
             timed: self.timed,
             announced: None,
-            guard: self.guarded.then(Guard::new),
+            guard: Guardians::new(self.guarded).map(Guard::new),
         });
         if !self.settled {
             return off.collect();
@@ -749,7 +860,7 @@ impl Model for Network {
                 let next = self.next_state(&state, Step::Next(Fate::Delivered));
                 state = next.expect("something is always due");
             }
-            if self.timed || self.guarded {
+            if self.timed || self.guarded != Watchers::Nobody {
                 state.calm = 0;
             }
             state
@@ -837,7 +948,7 @@ impl Model for Network {
     }
 
     fn within_boundary(&self, state: &State) -> bool {
-        !(self.timed || self.guarded) || state.calm < RECOVERY * CYCLE
+        !(self.timed || self.guarded != Watchers::Nobody) || state.calm < RECOVERY * CYCLE
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
@@ -856,7 +967,7 @@ impl Model for Network {
                     let Some(guard) = &state.guard else {
                         return true;
                     };
-                    let cut = |(babbler, _)| guard.guardian.trips(babbler).0 > 0;
+                    let cut = |(babbler, _)| guard.guardians.trips(babbler) > 0;
                     state.calm < CYCLE || guard.babbler.is_none_or(cut)
                 },
             ),
@@ -867,7 +978,7 @@ impl Model for Network {
                 state.powered().count() == 3 && state.is_settled()
             }),
         ];
-        if !self.timed && !self.guarded && (self.crashes > 0 || !self.settled) {
+        if !self.timed && self.guarded == Watchers::Nobody && (self.crashes > 0 || !self.settled) {
             properties.push(Property::sometimes("failover", |_, state: &State| {
                 let [best, backup, follower] = &state.stations;
                 !best.powered
@@ -887,7 +998,7 @@ impl Network {
         drifts: Vec::new(),
         settled: true,
         timed: false,
-        guarded: false,
+        guarded: Watchers::Nobody,
         babble: false,
     };
 }
@@ -991,7 +1102,9 @@ fn global_time() {
 #[test]
 fn a_guardian_cuts_no_good_node() {
     for (losses, crashes) in [(0, 1), (2, 0)] {
-        check("guarded", guarded(losses, crashes, true));
+        for watchers in [Watchers::Central, Watchers::Own] {
+            check("guarded", guarded(watchers, losses, crashes, true));
+        }
     }
 }
 
@@ -999,17 +1112,19 @@ fn a_guardian_cuts_no_good_node() {
 #[test]
 #[ignore = "seven million states"]
 fn a_guardian_cuts_no_good_node_at_the_start_or_after_a_crash_with_a_loss() {
-    check("guarded", guarded(1, 1, true));
-    check("guarded starts", guarded(0, 0, false));
+    for watchers in [Watchers::Central, Watchers::Own] {
+        check("guarded", guarded(watchers, 1, 1, true));
+        check("guarded starts", guarded(watchers, 0, 0, false));
+    }
 }
 
-fn guarded(losses: u8, crashes: u8, settled: bool) -> Network {
+fn guarded(watchers: Watchers, losses: u8, crashes: u8, settled: bool) -> Network {
     Network {
         losses,
         crashes,
         drifts: vec![FAST_AND_SLOW],
         settled,
-        guarded: true,
+        guarded: watchers,
         ..Network::PLAIN
     }
 }
@@ -1018,9 +1133,11 @@ fn guarded(losses: u8, crashes: u8, settled: bool) -> Network {
 /// within the time of recovery each message of the others is in its windows again.
 #[test]
 fn a_guardian_cuts_a_babbler() {
-    let network = Network {
-        babble: true,
-        ..guarded(0, 0, true)
-    };
-    check("babbler", network);
+    for watchers in [Watchers::Central, Watchers::Own] {
+        let network = Network {
+            babble: true,
+            ..guarded(watchers, 0, 0, true)
+        };
+        check("babbler", network);
+    }
 }

@@ -11,6 +11,7 @@ use vehicle_model::{Override, Overrides, Protocol, manifest::Law};
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
+    monitor::Source,
     selftest::Bus,
     sim::{Can, SPEEDS, Speed},
     vehicle::{DEFAULT, SMALLEST},
@@ -625,22 +626,23 @@ pub struct Batch {
     cargo xtask monitor --vehicle uagv socketcan:can0      nodes, messages and windows, until Ctrl-C\n  \
     cargo xtask monitor --vehicle uagv slcan:/dev/ttyACM0 --record drive.log\n  \
     cargo xtask monitor --vehicle uagv slcan:target/bus --seconds 5 --json    beside cargo xtask sim --can slcan:target/bus\n  \
-    cargo xtask monitor twin --seconds 5                   the virtual vehicle\n\n\
+    cargo xtask monitor twin --seconds 5                   the virtual vehicle\n  \
+    cargo xtask monitor --vehicle uagv drive.log           what a log tells of its nodes, at its end and on the way\n\n\
     A node is dead when nothing has come of it for three basic cycles, lost when half of its frames are out of\n\
     their windows, and babbles when it sends more than twice what is planned. Adapters report a frame up to some\n\
     milliseconds late, so a frame counts as outside its window only if it is more than 4 ms away from it.\n\
     cargo xtask analyse reads the record, and any other log.")]
 pub struct Monitor {
-    /// Bus: twin, socketcan:INTERFACE, or slcan:PORT with @BAUD if it has one
-    #[arg(value_name = "BUS")]
-    pub bus: Bus,
-    /// Vehicle, a folder below firmware/vehicles [default: uagv on the twin]
+    /// Bus: twin, socketcan:INTERFACE, or slcan:PORT with @BAUD if it has one; or the file of a log
+    #[arg(value_name = "BUS|LOG")]
+    pub source: Source,
+    /// Vehicle, a folder below firmware/vehicles [default: uagv on the twin and of a log]
     #[arg(long, value_name = "NAME")]
     pub vehicle: Option<String>,
     /// Value in place of the manifest's, as rover.law=thesis; may be given again for another one
     #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
     pub set: Vec<Override>,
-    /// Stop after N seconds [default: at Ctrl-C]
+    /// Stop after N seconds [default: at Ctrl-C, or at the end of the log]
     #[arg(long, value_name = "N", value_parser = wall_seconds, allow_hyphen_values = true)]
     pub seconds: Option<Duration>,
     /// File for the frames, in the format of candump -l; one that is there is not replaced

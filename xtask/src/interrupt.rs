@@ -132,11 +132,12 @@ pub(crate) fn asked() -> bool {
 /// exit code is that of a shell: 128 and the number of the signal.
 #[cfg(unix)]
 pub fn clean_up_on_signals() {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2};
     use signal_hook::iterator::Signals;
 
     // Without a handler the command still ends, and the next one removes what it has left.
-    let Ok(mut signals) = Signals::new([SIGHUP, SIGINT, SIGTERM]) else {
+    let all = [SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2];
+    let Ok(mut signals) = Signals::new(all) else {
         return;
     };
     std::thread::spawn(move || {

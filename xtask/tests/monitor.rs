@@ -324,3 +324,58 @@ fn the_virtual_bus_is_watched_and_recorded() {
     assert_eq!(done.status.code(), Some(2));
     assert_eq!(fs::read_to_string(&record).unwrap(), lines);
 }
+
+/// The drive node falls silent in the log from 2 s to 4 s.
+#[test]
+fn a_log_tells_when_a_node_fell_silent() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("drive.log");
+    let uagv = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+    let messages = uagv.network().messages.iter();
+    let own: Vec<u16> = messages
+        .filter(|message| message.sender == "drive")
+        .map(|message| message.id)
+        .collect();
+    let begin = drive()[0].0;
+    let lines = fs::read_to_string(root().join(DRIVE)).unwrap();
+    let kept = lines.lines().zip(drive()).filter(|(_, (at, frame))| {
+        let silent = (2.0..4.0).contains(&(*at - begin).as_secs_f64());
+        let is_own = own
+            .iter()
+            .any(|id| frame.id() == StandardId::new(*id).unwrap().into());
+        !(silent && is_own)
+    });
+    let kept: Vec<&str> = kept.map(|(line, _)| line).collect();
+    fs::write(&log, kept.join("\n")).unwrap();
+    let watched = |more: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_xtask"))
+            .current_dir(root())
+            .args(["monitor", log.to_str().unwrap(), "--json"])
+            .args(more)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let whole = watched(&[]);
+    let changes = whole["changes"].as_array().unwrap();
+    let class = |change: &serde_json::Value| change["class"].as_str().unwrap().to_owned();
+    let (of_drive, others): (Vec<_>, Vec<_>) =
+        changes.iter().partition(|change| change["node"] == "drive");
+    let told: Vec<String> = of_drive.iter().map(|change| class(change)).collect();
+    assert_eq!(told, ["present", "dead", "present"]);
+    let at = |change: usize| of_drive[change]["at"].as_f64().unwrap();
+    // Dead three basic cycles behind its last frame.
+    assert!((2.2..2.5).contains(&at(1)), "{changes:?}");
+    assert!((3.9..4.3).contains(&at(2)), "{changes:?}");
+    assert_eq!(others.len(), 3);
+    assert!(others.iter().all(|change| class(change) == "present"));
+    let drive = |picture: &serde_json::Value| {
+        let nodes = picture["nodes"].as_array().unwrap();
+        class(nodes.iter().find(|node| node["node"] == "drive").unwrap())
+    };
+    assert_eq!(drive(&whole), "present");
+    let part = watched(&["--seconds", "3"]);
+    assert_eq!(drive(&part), "dead");
+    assert_eq!(part["watched_seconds"].as_f64(), Some(3.0));
+}

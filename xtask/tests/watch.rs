@@ -32,6 +32,10 @@ struct Watched {
 
 impl Watched {
     fn start(options: &[&str]) -> Self {
+        Self::on("xterm", options)
+    }
+
+    fn on(term: &str, options: &[&str]) -> Self {
         // A run that had this end, too, would not notice that the test is gone.
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let keyboard = openpt(flags).unwrap();
@@ -59,6 +63,7 @@ impl Watched {
             .args(["--ctty", "--wait", env!("CARGO_BIN_EXE_xtask"), "sim"])
             .args(["--vehicle", "two-boards"])
             .args(options)
+            .env("TERM", term)
             .current_dir(Workspace::find().unwrap().root())
             .stdin(end.try_clone().unwrap())
             .stdout(end.try_clone().unwrap())
@@ -216,7 +221,13 @@ fn an_unfinished_key_sequence_does_not_stop_a_run() {
 /// Ctrl-C is a key there, and a request of the system comes as ever.
 #[test]
 fn an_interrupted_view_gives_the_terminal_back() {
-    for (signal, code) in [(None, 130), (Some("TERM"), 143), (Some("HUP"), 129)] {
+    for (signal, code) in [
+        (None, 130),
+        (Some("TERM"), 143),
+        (Some("HUP"), 129),
+        (Some("QUIT"), 131),
+        (Some("USR1"), 138),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("run").display().to_string();
         let mut run = Watched::start(&["--seconds", "600", "--watch", "--out", &out]);
@@ -234,4 +245,16 @@ fn an_interrupted_view_gives_the_terminal_back() {
         assert!(after.contains("interrupted"), "{after}");
         no_folder_in(folder.path());
     }
+}
+
+#[test]
+fn a_terminal_that_cannot_be_drawn_on_is_refused() {
+    let mut run = Watched::on("dumb", &["--seconds", "1", "--watch"]);
+    let status = run.run.wait().unwrap();
+    // What the terminal still has.
+    thread::sleep(Duration::from_millis(300));
+    let said = run.screen();
+    assert_eq!(status.code(), Some(2), "{said}");
+    assert!(said.contains("TERM says that it is a dumb one"), "{said}");
+    assert!(!said.contains(ENTER), "{said}");
 }

@@ -55,8 +55,17 @@ impl Board {
         lines.find(|(_, line)| line.pin == mcu)
     }
 
+    /// Name of the net of the pin that closes the gate of a guarded node, counted from 0.
+    fn gate(&self, place: usize) -> String {
+        format!("{}gates.{}", self.prefix, place + 1)
+    }
+
     /// The names that the net of a pin of a header may have. Without a name the pin is open.
     fn names(&self, pin: &HeaderPin) -> Vec<String> {
+        let mut taps = self.sled.taps.iter();
+        if let Some(place) = taps.position(|tap| Some(tap.gate) == pin.mcu()) {
+            return vec![self.gate(place)];
+        }
         match self.line(pin) {
             Some((place, _)) if ON_NUCLEO.contains(&place.name) => Vec::new(),
             Some((place, line)) => vec![self.net(place, line)],
@@ -137,8 +146,8 @@ pub fn lines(netlist: &Netlist, board: &Board, all: bool) -> Vec<String> {
     findings
 }
 
-/// The pins that are joined to a net, through resistors and from the gate of a transistor to its
-/// drain.
+/// The pins that are joined to a net, through resistors, from the gate of a transistor to its
+/// drain, and through the gate of a bus guardian.
 fn reached<'n>(netlist: &'n Netlist, from: &'n Net) -> Vec<&'n Node> {
     let mut names = BTreeSet::from([from.name.as_str()]);
     let mut waiting = vec![from];
@@ -153,6 +162,7 @@ fn reached<'n>(netlist: &'n Netlist, from: &'n Net) -> Vec<&'n Node> {
                     "2"
                 }),
                 ("R", "2") => Some("1"),
+                ("U", "1") if is_gate(netlist, &node.component) => Some("4"),
                 _ => None,
             };
             let next = through.and_then(|pin| netlist.net_of(&node.component, pin));
@@ -164,6 +174,71 @@ fn reached<'n>(netlist: &'n Netlist, from: &'n Net) -> Vec<&'n Node> {
         }
     }
     nodes
+}
+
+/// The OR gate by which a bus guardian keeps a node off the bus.
+const GATE: &str = "74LVC1G32";
+
+fn is_gate(netlist: &Netlist, reference: &str) -> bool {
+    let component = netlist.component(reference);
+    component.is_some_and(|component| component.value == GATE)
+}
+
+/// The net of a pin of the guardian's gate, by the name of the pin; `None` without a gate.
+fn at_gate<'n>(netlist: &'n Netlist, pin: &str) -> Option<&'n str> {
+    let mut parts = netlist.components.iter();
+    let gate = parts.find(|part| is_gate(netlist, &part.reference))?;
+    let pins = netlist.pins_of(&gate.reference);
+    let mut pins = pins.into_iter().filter(|(node, _)| node.function == pin);
+    pins.next().map(|(_, net)| net.name.as_str())
+}
+
+/// The TX line goes through an OR gate to the transceiver. It is open while nothing drives its other input:
+/// a node without a guardian, and one whose guardian has no supply, is on the bus as without a gate. A short
+/// circuit of the wires to the guardian does not stop the node.
+///
+/// On a sled that can be a guardian's, the lines of all guarded nodes and their gates are on terminals.
+#[must_use]
+pub fn gate(netlist: &Netlist, board: &Board) -> Vec<String> {
+    let [tx, tap, input] =
+        ["can.tx", "guard.tx", "guard.gate"].map(|name| format!("{}{name}", board.prefix));
+    let mut findings = Vec::new();
+    let supply = board.supply("+3V3");
+    for (pin, wanted) in [("A", &tx), ("B", &input), ("VCC", &supply)] {
+        if at_gate(netlist, pin) != Some(wanted) {
+            findings.push(format!("{pin} of the gate is not on {wanted}"));
+        }
+    }
+    if !between(netlist, "R", "10k", &input, "GND") {
+        findings.push("the gate's input floats without a guardian".into());
+    }
+    if resistance(netlist, &tx, &tap).is_none() {
+        findings.push(format!("{tap} is not {tx} behind a resistor"));
+    }
+    let mut ask = |net: String, terminal: &str| {
+        let found = netlist.nets.iter().find(|found| found.name == net);
+        let nodes = found.map(|found| found.nodes.as_slice());
+        let ends = |node: &Node| {
+            let component = netlist.component(&node.component);
+            component.is_some_and(|component| component.value == terminal)
+        };
+        if !nodes.unwrap_or_default().iter().any(ends) {
+            findings.push(format!("{net} is not at the terminals {terminal}"));
+        }
+    };
+    ask(tap, "guard");
+    ask(input, "guard");
+    for (place, tap) in board.sled.taps.iter().enumerate() {
+        ask(board.gate(place), "gates");
+        // The guardian has its taps where another node has its switches.
+        let lines = board.sled.connectors.iter();
+        for connector in lines {
+            for line in connector.signals.iter().filter(|line| line.pin == tap.line) {
+                ask(board.net(connector, line), connector.name);
+            }
+        }
+    }
+    findings
 }
 
 /// The letters of a reference designator.
@@ -262,10 +337,15 @@ pub fn bill(netlist: &Netlist, items: &[Item]) -> Vec<String> {
 #[must_use]
 pub fn bus(netlist: &Netlist, board: &Board, terminations: usize) -> Vec<String> {
     let mut findings = Vec::new();
-    let lines = ["tx", "rx"].map(|line| format!("{}can.{line}", board.prefix));
+    let [tx, rx] = ["tx", "rx"].map(|line| format!("{}can.{line}", board.prefix));
+    // Behind the gate, if there is one.
+    let tx = at_gate(netlist, "Y").map_or(tx, str::to_owned);
+    let lines = [tx, rx];
     let transceivers = netlist.components.iter().filter(|component| {
         let pins = netlist.pins_of(&component.reference);
-        kind(&component.reference) == "U" && pins.iter().any(|(_, net)| lines.contains(&net.name))
+        kind(&component.reference) == "U"
+            && !is_gate(netlist, &component.reference)
+            && pins.iter().any(|(_, net)| lines.contains(&net.name))
     });
     let mut count = 0;
     for transceiver in transceivers {

@@ -42,6 +42,7 @@ impl Drawing {
         findings.extend(rules::bill(&self.netlist, &self.items));
         findings.extend(rules::bus(&self.netlist, &board, 1));
         findings.extend(rules::supply(&self.netlist, &board));
+        findings.extend(rules::gate(&self.netlist, &board));
         if sled.connector("motor").is_some() {
             findings.extend(rules::relay(&self.netlist, &board));
             findings.extend(rules::read_back(&self.netlist, &board));
@@ -111,7 +112,7 @@ fn what_is_not_in_the_bills_is_listed() {
 /// A change of a netlist, and a finding that it brings.
 type Fault = (&'static [(&'static str, &'static str)], &'static str);
 
-const FAULTS: [Fault; 29] = [
+const FAULTS: [Fault; 34] = [
     (
         &[(
             "(ref \"CN3\") (pin \"13\") (pinfunction \"PA11\")",
@@ -156,9 +157,9 @@ const FAULTS: [Fault; 29] = [
     (
         &[(
             "(node (ref \"C4\") (pin \"1\")",
-            "(node (ref \"C9\") (pin \"1\")",
+            "(node (ref \"C99\") (pin \"1\")",
         )],
-        "C9-1 is on +3V3, but no component",
+        "C99-1 is on +3V3, but no component",
     ),
     (
         &[("(ref \"RV1\")\n", "(ref \"RV2\")\n")],
@@ -290,6 +291,42 @@ const FAULTS: [Fault; 29] = [
         &[("(node (ref \"R23\") (pin \"2\") (pintype \"passive\"))", "")],
         "remote.stop/in floats",
     ),
+    (
+        &[("(node (ref \"R24\") (pin \"2\") (pintype \"passive\"))", "")],
+        "the gate's input floats without a guardian",
+    ),
+    (
+        &[
+            ("(ref \"U2\") (pin \"1\")", "(ref \"U2\") (pin \"9\")"),
+            (
+                "(pin \"2\") (pinfunction \"B\")",
+                "(pin \"1\") (pinfunction \"A\")",
+            ),
+            (
+                "(pin \"9\") (pinfunction \"A\")",
+                "(pin \"2\") (pinfunction \"B\")",
+            ),
+        ],
+        "A of the gate is not on can.tx",
+    ),
+    (
+        &[(
+            "(node (ref \"U1\") (pin \"1\") (pinfunction \"D\") (pintype \"passive\"))",
+            "(node (ref \"J3\") (pin \"9\") (pinfunction \"D\") (pintype \"passive\"))",
+        )],
+        "can.tx does not reach can",
+    ),
+    (
+        &[(
+            "(ref \"R25\")\n      (value \"1k\")",
+            "(ref \"R25\")\n      (value \"wire\")",
+        )],
+        "guard.tx is not can.tx behind a resistor",
+    ),
+    (
+        &[("(value \"guard\")", "(value \"spare\")")],
+        "guard.gate is not at the terminals guard",
+    ),
 ];
 
 #[test]
@@ -301,6 +338,41 @@ fn each_rule_finds_its_fault() {
             "{changes:?} {findings:?}"
         );
     }
+}
+
+/// The sled of a bus guardian has the gates of all nodes at its terminals.
+#[test]
+fn a_gate_that_is_not_wired_is_found() {
+    let faults = [
+        (
+            "(node (ref \"J13\") (pin \"4\")",
+            "gates.4 is not at the terminals gates",
+        ),
+        (
+            "(node (ref \"J8\") (pin \"2\")",
+            "inputs.b is not at the terminals inputs",
+        ),
+    ];
+    for (end, finding) in faults {
+        let changes = [(end, "(node (ref \"J9\") (pin \"7\")")];
+        let findings = Drawing::changed("f446", &changes).findings(Sled::F446);
+        assert!(
+            findings.iter().any(|found| found == finding),
+            "{findings:?}"
+        );
+    }
+    // Gates of two nodes that are exchanged would stop the wrong one.
+    let changes = [
+        ("(name \"gates.1\")", "(name \"other\")"),
+        ("(name \"gates.2\")", "(name \"gates.1\")"),
+        ("(name \"other\")", "(name \"gates.2\")"),
+    ];
+    let findings = Drawing::changed("f446", &changes).findings(Sled::F446);
+    let finding = "CN10-4 (PC6) may not be on gates.2";
+    assert!(
+        findings.iter().any(|found| found == finding),
+        "{findings:?}"
+    );
 }
 
 /// What is to be wired and to be bought for the bench stands in the guide.

@@ -291,14 +291,13 @@ impl Times {
             length::worst_case_bits(network.reference, network.reference_format.longest());
         // The last backup's offset, and three repetitions behind the first attempt.
         let late = REFERENCE_OFFSET_LIMIT + network.uncertainty + 4 * reference;
-        let early = schedule.reference_early();
         let mut times = Self {
             config,
             bit,
             cycle,
             enable: ticks(network.transmit_enable),
             offset_limit: ticks(REFERENCE_OFFSET_LIMIT),
-            earliest: ticks(network.basic_cycle.saturating_sub(early)),
+            earliest: ticks(network.reference_early),
             late: ticks(late),
             takeover: ticks(REFERENCE_OFFSET_LIMIT + network.uncertainty)
                 .saturating_add(bits(LONGEST_FRAME_BITS)),

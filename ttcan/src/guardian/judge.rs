@@ -244,7 +244,7 @@ impl<'s, const P: usize> Judge<'s, P> {
         };
         let schedule = self.plan.schedule;
         match schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) => {
+            Some((rank, Some(_))) => {
                 let network = schedule.network;
                 let fields = Fields::decode(&network.reference_format, frame, network.cycles);
                 let fields = fields.filter(|fields| !fields.next_is_gap || network.longest_gap > 0);
@@ -253,7 +253,7 @@ impl<'s, const P: usize> Judge<'s, P> {
                         self.plan.take_reference(&fields, rank, start);
                 }
             }
-            Some(None) => {}
+            Some((_, None)) => {}
             None => self.plan.note_message(start),
         }
         let followed = received.followed;

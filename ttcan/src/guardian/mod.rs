@@ -87,6 +87,28 @@
 //! * While no reference is known, potential masters may send references at any time, or the
 //!   network could not start. All others may acknowledge and send flags, and nothing else.
 //!
+//! # A guardian of one node
+//!
+//! With one sender, a guardian needs no board of its own: it can run on the node's own microcontroller, with a timer and
+//! pins of its own at the highest priority. It then guards against a protocol stack, a driver or a transmitter that runs
+//! wild, because none of them reaches its gate: it has its own copy of the schedule, finds the time of the network
+//! from the received frames by itself, and asks the stack for nothing.
+//!
+//! * Its gate has a pull-up, so it is closed from reset until the guardian's tasks run, and again when a
+//!   watchdog resets a processor that runs nothing any more.
+//! * It need not look all the time. While the line is at rest, looks wait for the next edge
+//!   ([`Watch::is_at_rest`]), so they cost time only while the node itself drives: its own frames, and
+//!   one bit of each frame of others.
+//! * It does not close the gate between windows, for the reason above: where two nodes out of three are guarded so, the
+//!   third one's frames would not be acknowledged.
+//!
+//! It is for nodes that are no potential masters. A master repeats its reference when nobody acknowledges it, or when a
+//! babbler with its identifier destroys it, and its own guardian sees neither.
+//!
+//! What it shares with the node it cannot guard against: the clock (a wrong frequency moves the node's windows and those of
+//! the guardian alike), the receiver of the CAN controller, the supply, and the processor with its memories. A central
+//! guardian shares none of them.
+//!
 //! # Sources
 //!
 //! Babbling idiots and guardians against them on CAN: G. Buja, A. Zuccollo, "Overcoming babbling-idiot
@@ -181,6 +203,11 @@ impl<'s, const P: usize> Guardian<'s, P> {
             // `P` is at most 32.
             self.watch.pardon(1u32.wrapping_shl(sender as u32));
         }
+    }
+
+    /// Whether looks may wait for the next edge of a line; see [`Watch::is_at_rest`].
+    pub const fn is_at_rest(&self) -> bool {
+        self.watch.is_at_rest()
     }
 
     /// What the TX lines did since the look before, at `now`. Returns the gates that are open until

@@ -245,12 +245,14 @@ impl Sender {
 
     /// Whether this is a reference of the sender.
     fn is_reference(&self, schedule: ScheduleView<'_>, frame: &Frame) -> bool {
-        schedule.reference_rank(frame.id()).is_some_and(|rank| {
-            let network = schedule.network;
-            let format = &network.reference_format;
-            let whole = Fields::decode(format, frame, network.cycles).is_some();
-            rank.is_some() && rank == self.rank && whole
-        })
+        schedule
+            .reference_rank(frame.id())
+            .is_some_and(|(rank, master)| {
+                let network = schedule.network;
+                let format = &network.reference_format;
+                let whole = Fields::decode(format, frame, network.cycles).is_some();
+                master.is_some() && self.rank == Some(rank) && whole
+            })
     }
 
     /// A spell with this permission was this frame. Whether the sender may send it there is known

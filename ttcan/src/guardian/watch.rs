@@ -269,6 +269,15 @@ impl<const P: usize> Watch<P> {
         }
     }
 
+    /// Whether no line is in a spell and all gates are open. A look that finds all lines recessive changes nothing
+    /// then, so looks may be left out until a line becomes dominant, while the lower half goes on. The edge
+    /// wakes the owner, and the first look has to come within the
+    /// [interval](super::GuardianConfig::interval) behind it: that is as if a look had been right ahead of the edge, so
+    /// what holds from look to look still holds.
+    pub const fn is_at_rest(&self) -> bool {
+        self.active == 0 && self.open.0 == Self::ALL
+    }
+
     /// The gates that are open.
     pub const fn gates(&self) -> Gates {
         self.open

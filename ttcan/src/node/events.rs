@@ -11,7 +11,7 @@ use crate::features::EVENTS;
 use crate::frame::Frame;
 #[cfg(feature = "events")]
 use crate::id::Id;
-use crate::queue::Item;
+use crate::queue::{Item, Kind};
 use crate::supervision::ErrorLevel;
 #[cfg(feature = "events")]
 use crate::time::Micros;
@@ -32,7 +32,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         lifetime: Micros,
     ) -> Result<(), QueueError> {
         let expires = self.expiry(&frame, now, lifetime)?;
-        if self.enqueue(Item::Event(frame), expires, now) {
+        if self.enqueue(Item::event(frame), expires, now) {
             self.schedule_event();
             Ok(())
         } else {
@@ -60,7 +60,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let replaced = self
             .transmission
             .queue
-            .replace(Item::Event(frame), expires, kept);
+            .replace(Item::event(frame), expires, kept);
         if replaced {
             Ok(())
         } else {
@@ -143,17 +143,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             self.schedule_event();
             return None;
         }
-        let first = *self.transmission.queue.get(place)?;
-        let latest = self.latest_start(entry, first.id(), first.len());
+        let first = self.transmission.queue.get(place)?;
+        let (id, len) = (first.frame.id(), first.frame.len());
+        let latest = self.latest_start(entry, id, len);
         if now.reached(latest) {
             return None;
         }
         self.transmission.pending = Pending::Event { place };
         self.agenda.withdrawal = Some(latest);
-        Some(match first {
-            Item::Event(frame) => Action::TransmitEvent(frame),
-            Item::Late { window, id, len } => Action::Transmit(Grant {
-                window,
+        Some(match first.kind {
+            Kind::Event => Action::TransmitEvent(first.frame),
+            Kind::Late => Action::Transmit(Grant {
+                window: first.window,
                 id,
                 len,
                 late: true,

@@ -1,10 +1,10 @@
 //! Times of the schedule on the node's own counter.
 
 use super::{MasterState, Node};
+use crate::clock::Flags;
 use crate::features::GLOBAL_TIME;
 use crate::id::Id;
 use crate::length;
-use crate::matrix::REFERENCE_OFFSET_LIMIT;
 use crate::schedule::Entry;
 use crate::time::Stamp;
 
@@ -27,6 +27,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Ticks of silence after which a potential master that has seen no
     /// reference sends one. A frame that is on the bus at the start ends
     /// earlier than that.
+    // Two places call it.
+    #[inline(never)]
     pub(super) fn quiet(&self) -> u32 {
         let network = self.setup.network();
         let offset = u32::from(self.master.offset.unsigned_abs());
@@ -34,15 +36,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             .ticks(network.basic_cycle + 2 * network.reference_length + offset)
     }
 
-    /// Ticks after the reference mark (or the start) at which the reference
-    /// `cycles` basic cycles later counts as missing: by then the last backup's
-    /// offset, the uncertainty and two longest references have passed.
-    pub(super) fn missing_after(&self, cycles: u32) -> u32 {
-        let network = self.setup.network();
-        let late = REFERENCE_OFFSET_LIMIT + network.uncertainty + 2 * network.reference_length;
+    /// Ticks after the reference mark (or the start) at which a reference that is to come
+    /// `micros` later counts as missing.
+    pub(super) fn missing_after(&self, micros: u32) -> u32 {
         // `Setup::new` checked the whole against the counter's range.
-        self.clock
-            .ticks(network.basic_cycle.wrapping_mul(cycles).wrapping_add(late))
+        let late = self.setup.network().reference_late;
+        self.clock.ticks(micros.wrapping_add(late))
     }
 
     /// Last instant to request a frame that must end within the entry.
@@ -60,7 +59,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     pub(super) fn rate_error(&self, cycle_time: u32) -> u32 {
         // The master's own clock is right by definition.
         let follows = GLOBAL_TIME
-            && self.setup.network().reference_format.tells_time()
+            && !self.clock.has(Flags::RATED)
+            && self.setup.network().tells_time
             && self.master.state != MasterState::Current;
         if follows {
             self.clock.rate_error(cycle_time)

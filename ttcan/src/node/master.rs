@@ -136,7 +136,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             // three bits after its end, which is sooner than it can be read.
             self.agenda.withdrawal = Some(now.after(self.clock.ticks(network.transmit_enable)));
         }
-        let id = network.reference.offset(rank).unwrap_or(network.reference);
+        let id = network.reference.of_rank(rank);
         let frame = fields.encode(&network.reference_format, id, &self.master.payload);
         self.transmission.pending = Pending::Reference(OwnReference {
             frame,
@@ -151,15 +151,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Whether this node's next reference announces a discontinuity of global time.
     fn announces(&self) -> bool {
         GLOBAL_TIME
-            && self.setup.network().reference_format.tells_time()
+            && self.setup.network().tells_time
             && (self.master.discontinuity > 0 || !self.clock.is_agreed())
     }
 
     /// Announces this node's time in its next references, if it leads: other nodes may have
     /// another time.
     pub(super) fn announce_again(&mut self) {
-        let tells_time = self.setup.network().reference_format.tells_time();
-        if GLOBAL_TIME && tells_time && self.master.state == MasterState::Current {
+        if GLOBAL_TIME && self.master.state == MasterState::Current {
             self.master.discontinuity = ANNOUNCEMENTS;
         }
     }
@@ -171,7 +170,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     fn assume_time(&mut self, now: Stamp) {
         match self.cycle.coarse {
             Some(coarse) => {
-                let late = 1000 + i64::from(self.setup.network().reference_length);
+                let late = i64::from(1000 + self.setup.network().reference_length);
                 let time = from_coarse(coarse, None).offset(late << GlobalTime::FRACTION_BITS);
                 self.clock.assume(self.cycle.mark, time);
             }
@@ -275,26 +274,26 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             self.agenda.reference = None;
             return;
         };
-        let initial = self.setup.initial_offset();
+        let initial = self.setup.initial_offset;
         self.master.follow(own, sender, before, initial);
         if self.must_wait_for_time() {
-            self.master.offset = self.setup.untimed_offset();
+            self.master.offset = self.setup.untimed_offset;
         }
-        let offset = self.master.offset;
+        let network = self.setup.network();
+        let mut due = network.basic_cycle;
         // A better-ranked master does not wait for the end of a gap.
-        self.agenda.reference = Some(if self.cycle.next_is_gap() && sender <= own {
-            let gap = self.setup.network().longest_gap;
-            self.instant(gap.wrapping_add_signed(i32::from(offset)))
+        if self.cycle.next_is_gap() && sender <= own {
+            due = network.longest_gap;
         } else {
-            let instant = self.reference_instant(offset);
-            let network = self.setup.network();
-            match self.rate_error(network.basic_cycle) {
-                error if error <= network.uncertainty => instant,
+            let error = self.rate_error(due);
+            if error > network.uncertainty {
                 // Not before the master's reference, even if this node's
                 // counter is as fast as the drift limit allows.
-                error => instant.after(self.clock.ticks(error)),
+                due = due.wrapping_add(error);
             }
-        });
+        }
+        let offset = i32::from(self.master.offset);
+        self.agenda.reference = Some(self.instant(due.wrapping_add_signed(offset)));
     }
 
     /// Whether this node does not have the time of the master that it hears. It then waits behind
@@ -302,7 +301,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// time of all nodes.
     fn must_wait_for_time(&self) -> bool {
         GLOBAL_TIME
-            && self.setup.network().reference_format.tells_time()
+            && self.setup.network().tells_time
             && self.master.state == MasterState::Backup
             && !self.clock.is_agreed()
     }

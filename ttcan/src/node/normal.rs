@@ -60,13 +60,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if let Pending::Reference(own) = &mut node.transmission.pending {
             own.requested = moved(own.requested);
         }
-        let place = match node.transmission.pending {
-            Pending::Event { place } => place,
-            _ => 0,
-        };
+        let place = node.transmission.place();
         let place_now = node.transmission.queue.shift(now, place);
-        if let Pending::Event { place } = &mut node.transmission.pending {
-            *place = place_now;
+        if let (Pending::Event { place }, Some(moved)) = (&mut node.transmission.pending, place_now)
+        {
+            *place = moved;
         }
         if node.clock.sent_at(now).is_some() {
             node.clock.renumber(now);

@@ -10,9 +10,9 @@ pub(super) struct Position {
     pub(super) window: CurrentWindow,
     /// What an arbitrating window of this basic cycle begins as.
     pub(super) arbitrating: CurrentWindow,
-    /// Index of the last entry for a message of another node, if that message
+    /// Whether the entry before the current one was for a message of another node that
     /// was not seen. A frame that is reported late may still belong to it.
-    pub(super) missed: Option<u16>,
+    pub(super) missed: bool,
 }
 
 /// The window that has begun and not ended.
@@ -44,12 +44,19 @@ impl Position {
             } else {
                 CurrentWindow::ArbitratingHeld
             },
-            missed: None,
+            missed: false,
         }
     }
 
     /// Outside the schedule.
-    pub(super) const NONE: Self = Self::new(0, 0, false);
+    pub(super) const NONE: Self = Self {
+        cursor: 0,
+        end: 0,
+        window: CurrentWindow::None,
+        // There is none to begin.
+        arbitrating: CurrentWindow::None,
+        missed: false,
+    };
 
     pub(super) fn in_window(&self) -> bool {
         self.window != CurrentWindow::None
@@ -62,9 +69,11 @@ impl Position {
         )
     }
 
-    /// Ends the current window.
-    pub(super) fn leave(&mut self) {
+    /// Ends the current window. `missed` tells that it was for a message of another node that was not
+    /// seen.
+    pub(super) fn leave(&mut self, missed: bool) {
         self.window = CurrentWindow::None;
+        self.missed = missed;
         self.cursor = self.cursor.wrapping_add(1);
     }
 }

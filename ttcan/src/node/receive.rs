@@ -27,9 +27,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
         let end = stamp.offset(self.setup.config.latency.receive.wrapping_neg());
         match self.setup.schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) if self.setup.is_own_rank(rank) => self.refuse(Fault::Impostor),
-            Some(Some(rank)) => self.take_reference(frame, rank, end),
-            Some(None) => self.refuse(Fault::UnknownMaster),
+            Some((_, None)) => self.refuse(Fault::UnknownMaster),
+            // References with its own rank are for this node to send, although it may not lead.
+            Some((_, Some(master))) if MASTER && master == self.setup.config.node => {
+                self.refuse(Fault::Impostor)
+            }
+            Some((rank, _)) => self.take_reference(frame, rank, end),
             None => {
                 if MASTER {
                     self.note_message(stamp);
@@ -134,21 +137,15 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if self.agenda.time_mark.is_some() || self.cycle.next_is_gap() {
             return false;
         }
-        let cycle = self.setup.network().basic_cycle;
-        let early = self.setup.schedule.reference_early();
-        let expected = self.clock.ticks(cycle.saturating_sub(early));
+        let expected = self.clock.ticks(self.setup.network().reference_early);
         end.ticks_since(self.cycle.mark) > expected.cast_signed()
     }
 
     /// The last entry that ended, if it was for a message of another node that was not seen.
     fn missed_entry(&self) -> Option<&'s Entry> {
-        let missed = self.position.missed?;
         let last = self.position.cursor.wrapping_sub(1);
-        if missed == last {
-            self.setup.schedule.entry(missed)
-        } else {
-            None
-        }
+        let entry = self.setup.schedule.entry(last);
+        entry.filter(|_| self.position.missed)
     }
 
     /// Whether a frame began after the end of the last window.
@@ -203,7 +200,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// Takes a message whose window was closed and noted as missed.
     fn take_back(&mut self, window: u16, sender: NodeId) -> Reception {
-        self.position.missed = None;
+        self.position.missed = false;
         self.supervision.take_back(window);
         self.counters.missed_messages = self.counters.missed_messages.wrapping_sub(1);
         self.hear(sender);

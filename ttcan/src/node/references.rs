@@ -91,9 +91,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
         let network = self.setup.network();
         let elapsed = start.ticks_since(self.cycle.mark);
-        let early = self.setup.schedule.reference_early();
-        let earliest = self.clock.ticks(network.basic_cycle.saturating_sub(early));
-        if elapsed >= earliest.cast_signed() {
+        if elapsed >= self.clock.ticks(network.reference_early).cast_signed() {
             return Judgement::Next;
         }
         if rank > master {
@@ -104,9 +102,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         // The same master repeats its reference: it saw an error in one that this
         // node received.
         let soon = self.clock.ticks(4 * network.reference_length);
-        let repeated = rank == master
-            && cycle == self.cycle.number
-            && (0..soon.cast_signed()).contains(&elapsed);
+        let repeated =
+            rank == master && cycle == self.cycle.number && elapsed.cast_unsigned() < soon;
         if repeated {
             Judgement::Next
         } else {
@@ -118,10 +115,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     pub(super) fn is_consecutive(&self, start: Stamp, cycle: u8) -> bool {
         let elapsed = start.ticks_since(self.cycle.mark);
         let basic_cycle = self.clock.ticks(self.setup.network().basic_cycle);
-        let expected = (basic_cycle / 2).cast_signed()..(basic_cycle / 2 * 3).cast_signed();
+        let early = elapsed.wrapping_sub(basic_cycle.cast_signed());
         self.cycle.has_begun()
             && cycle == self.setup.cycle_after(self.cycle.number)
-            && (self.cycle.next_is_gap() || expected.contains(&elapsed))
+            && (self.cycle.next_is_gap() || early.unsigned_abs() < basic_cycle / 2)
     }
 
     /// Takes global time from the coarse time of a reference, and its mark of the
@@ -158,7 +155,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         // The coarse time is rounded down to 1 ms, and the reference may have waited for the bus: it
         // started up to 1 ms and a frame later than the coarse time says. The middle of that leaves
         // the most for the error of `since`.
-        let middle = (1000 + i64::from(network.reference_length)) / 2;
+        let middle = i64::from((1000 + network.reference_length) / 2);
         let planned = from_coarse(coarse, known).offset(middle << GlobalTime::FRACTION_BITS);
         let time = nearest(planned.offset(-self.clock.duration(since)), mark);
         let before = self.clock.has(Flags::ANNOUNCED);
@@ -210,13 +207,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.begin_entries();
         self.choose_role(before);
         let network = self.setup.network();
-        let wait = if GAPS && next_is_gap {
-            let gap = network.longest_gap;
-            self.clock.ticks(gap).wrapping_add(self.missing_after(0))
+        let next = if GAPS && next_is_gap {
+            network.longest_gap
         } else {
-            self.missing_after(1)
+            network.basic_cycle
         };
-        self.agenda.missing_reference = Some(mark.after(wait));
+        self.agenda.missing_reference = Some(mark.after(self.missing_after(next)));
     }
 
     /// Checks the transmission budget of the matrix that is over.

@@ -16,13 +16,20 @@ const OFFSET_OF_A_RANK: u8 = 16;
 
 /// What a node is made from.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
+// In this order, so that short instructions reach what is used most; see `Node`.
+#[repr(C)]
 pub(super) struct Setup<'s> {
     pub(super) schedule: ScheduleView<'s>,
-    pub(super) config: NodeConfig,
-    /// Rank among the potential masters.
-    rank: Option<u8>,
     /// Length of a bit in 1/256 tick.
     bit: u32,
+    /// Rank among the potential masters.
+    rank: Option<u8>,
+    /// Reference trigger offset of a backup behind better-ranked masters, in microseconds.
+    pub(super) initial_offset: i8,
+    /// Reference trigger offset of a potential master that does not have the time of the network: one
+    /// step behind the last rank, in microseconds.
+    pub(super) untimed_offset: i8,
+    pub(super) config: NodeConfig,
     /// Basic cycles of this node's event messages: their number ends in these bits (the first number is
     /// the mask).
     event_cycles: (u8, u8),
@@ -75,10 +82,17 @@ impl<'s> Setup<'s> {
         } else {
             (1, 0)
         };
+        let of_rank = |rank: u8| rank.saturating_mul(OFFSET_OF_A_RANK);
+        let by_rank = of_rank(rank.unwrap_or(0));
+        let initial = config.reference_offset.unwrap_or(by_rank);
+        let own = config.reference_offset.unwrap_or(0);
+        let untimed = of_rank(network.master_count).max(own);
         Ok(Self {
             schedule,
             config,
             rank,
+            initial_offset: initial.min(127) as i8,
+            untimed_offset: untimed.min(127) as i8,
             bit: bit as u32,
             event_cycles: (repeat.wrapping_sub(1), offset),
         })
@@ -97,27 +111,6 @@ impl<'s> Setup<'s> {
     /// Rank of this node as a potential master.
     pub(super) fn rank(&self) -> Option<u8> {
         if MASTER { self.rank } else { None }
-    }
-
-    /// Whether references with this rank are for this node to send, although it may not lead.
-    pub(super) fn is_own_rank(&self, rank: u8) -> bool {
-        let master = self.network().masters.get(usize::from(rank));
-        MASTER && master.copied().flatten() == Some(self.config.node)
-    }
-
-    /// Reference trigger offset of a backup behind better-ranked masters, in
-    /// microseconds.
-    pub(super) fn initial_offset(&self) -> i8 {
-        let by_rank = self.rank().unwrap_or(0).saturating_mul(OFFSET_OF_A_RANK);
-        self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
-    }
-
-    /// Reference trigger offset of a potential master that does not have the time of the network: one
-    /// step behind the last rank, in microseconds.
-    pub(super) fn untimed_offset(&self) -> i8 {
-        let behind = self.network().master_count.saturating_mul(OFFSET_OF_A_RANK);
-        let own = self.config.reference_offset.unwrap_or(0);
-        behind.max(own).min(127) as i8
     }
 
     /// Whether a reference may announce a gap.

@@ -124,10 +124,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     #[inline(never)]
     fn step(&mut self, now: Stamp) -> Option<Action> {
         let entry = if self.position.in_window() {
-            if let Some(entry) = self.entry() {
-                self.close(entry);
-            }
-            self.position.leave();
+            let missed = self.entry().is_some_and(|entry| self.close(entry));
+            self.position.leave(missed);
             let next = self.await_entry();
             if !is_due(self.agenda.time_mark, now) {
                 return None;
@@ -172,22 +170,17 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     }
 
     /// Notes whether the message of another node was seen in the window that
-    /// ends.
-    fn close(&mut self, entry: &Entry) {
+    /// ends, and returns whether it was missed.
+    fn close(&mut self, entry: &Entry) -> bool {
         let Role::Exclusive { sender, .. } = entry.role else {
-            return;
+            return false;
         };
         if sender == self.setup.config.node {
-            return;
+            return false;
         }
         let seen = self.position.window == CurrentWindow::ExclusiveSeen;
-        self.position.missed = if seen {
-            None
-        } else {
-            Some(self.position.cursor)
-        };
         if self.sync != SyncState::InSchedule {
-            return;
+            return !seen;
         }
         if MASTER && seen {
             let before = self.supervision.window(entry.window).unwrap_or_default();
@@ -202,6 +195,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
                 peer.missing();
             }
         }
+        !seen
     }
 
     fn miss_reference(&mut self, now: Stamp) {

@@ -2,7 +2,7 @@
 
 use crate::frame::Frame;
 use crate::id::Id;
-use crate::queue::Queue;
+use crate::queue::{Place, Queue};
 use crate::time::Stamp;
 
 /// Own transmissions.
@@ -21,7 +21,7 @@ pub(super) enum Pending {
     Window(OwnMessage),
     Event {
         /// Place of the message in the queue.
-        place: u8,
+        place: Place,
     },
     /// The node stopped before the end was reported. The controller may hold the frame still.
     Abandoned,
@@ -52,12 +52,12 @@ impl<const Q: usize> Transmission<Q> {
     pub(super) const fn new() -> Self {
         Self {
             pending: Pending::None,
-            queue: Queue::new(),
+            queue: Queue::EMPTY,
         }
     }
 
     /// Place in the queue of the message whose transmission is pending.
-    pub(super) fn place(&self) -> Option<u8> {
+    pub(super) fn place(&self) -> Option<Place> {
         match self.pending {
             Pending::Event { place } => Some(place),
             _ => None,

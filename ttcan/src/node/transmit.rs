@@ -120,11 +120,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     fn fail_own(&mut self, own: &OwnMessage, now: Stamp) {
         self.supervision.note(own.window, true, false);
         if EVENTS && own.retry_late {
-            let item = Item::Late {
-                window: own.window,
-                id: own.id,
-                len: own.len,
-            };
+            let item = Item::late(own.window, own.id, own.len);
             // Worth sending until its next window at the most.
             let lifetime = self.clock.ticks(self.setup.network().basic_cycle);
             self.enqueue(item, now.after(lifetime), now);

@@ -3,7 +3,7 @@
 use super::{Entry, Known, Network, Role};
 use crate::features::MASKS;
 use crate::id::Id;
-use crate::matrix::{NodeId, SystemMatrix, WindowKind};
+use crate::matrix::{NodeId, REFERENCE_OFFSET_LIMIT, SystemMatrix, WindowKind};
 
 pub(super) const NO_ENTRY: Entry = Entry {
     start: 0,
@@ -27,6 +27,9 @@ pub(super) const NO_MESSAGE: Known = Known {
 /// The parameters of the schedule.
 pub(super) const fn network(matrix: &SystemMatrix) -> Network {
     let config = matrix.config();
+    let uncertainty = config.sync_uncertainty.ticks();
+    let reference_length = matrix.reference_micros();
+    let early = REFERENCE_OFFSET_LIMIT + uncertainty + reference_length;
     let mut masters = [None; 8];
     let mut rank = 0;
     while rank < config.masters.len() && rank < 8 {
@@ -38,13 +41,17 @@ pub(super) const fn network(matrix: &SystemMatrix) -> Network {
         basic_cycle: config.basic_cycle.ticks(),
         cycles: config.cycles,
         reference: config.reference,
+        reference_bits: config.reference.all_but_rank(),
         reference_format: config.reference_format,
         masters,
         master_count: rank as u8,
         transmit_enable: matrix.bits_to_micros(config.transmit_enable_bits as u32),
-        uncertainty: config.sync_uncertainty.ticks(),
+        uncertainty,
         longest_gap: config.longest_gap.ticks(),
-        reference_length: matrix.reference_micros(),
+        reference_length,
+        reference_early: config.basic_cycle.ticks().saturating_sub(early),
+        reference_late: early + reference_length,
+        tells_time: config.reference_format.tells_time(),
         window_count: config.windows.len(),
         exclusive_count: 0,
         #[cfg(feature = "masks")]

@@ -12,7 +12,7 @@ mod heap;
 pub use heap::HeapSchedule;
 
 use crate::id::Id;
-use crate::matrix::{self, NodeId, SystemMatrix};
+use crate::matrix::{NodeId, SystemMatrix};
 use crate::reference::ReferenceFormat;
 use crate::time::Micros;
 
@@ -65,6 +65,8 @@ pub(crate) struct Network {
     pub basic_cycle: u32,
     pub cycles: u8,
     pub reference: Id,
+    /// What all references have in common: the identifier's bits but those of the rank.
+    pub reference_bits: u32,
     pub reference_format: ReferenceFormat,
     pub masters: [Option<NodeId>; 8],
     pub master_count: u8,
@@ -74,6 +76,13 @@ pub(crate) struct Network {
     pub longest_gap: u32,
     /// Longest reference message with its interframe space.
     pub reference_length: u32,
+    /// Time since a reference from which on another one counts as the next.
+    pub reference_early: u32,
+    /// How late a reference comes at most: by then the last backup's offset, the uncertainty and two
+    /// longest references have passed.
+    pub reference_late: u32,
+    /// Whether references carry the fields of level 2.
+    pub tells_time: bool,
     pub window_count: usize,
     /// Number of exclusive windows.
     pub exclusive_count: u16,
@@ -269,7 +278,9 @@ impl<'s> ScheduleView<'s> {
     /// Exclusive windows of `node` in two basic cycles, rounded up.
     pub(crate) fn windows_in_two_cycles(&self, node: NodeId) -> u16 {
         let windows = u32::from(self.windows_of(node)) * 2;
-        let windows = windows.div_ceil(u32::from(self.network.cycles.max(1)));
+        // The cycles of a matrix are a power of two.
+        let last = u32::from(self.network.cycles.wrapping_sub(1));
+        let windows = windows.wrapping_add(last) >> last.trailing_ones();
         windows.min(u32::from(u16::MAX)) as u16
     }
 
@@ -305,29 +316,20 @@ impl<'s> ScheduleView<'s> {
 
     /// Whether this is the identifier of a potential master's reference message.
     pub fn is_reference(&self, id: Id) -> bool {
-        matches!(self.reference_rank(id), Some(Some(_)))
+        matches!(self.reference_rank(id), Some((_, Some(_))))
     }
 
-    /// The rank that an identifier of the reference message has: `None` if it is not
-    /// one of a reference, `Some(None)` if no potential master has the rank.
-    pub(crate) fn reference_rank(&self, id: Id) -> Option<Option<u8>> {
+    /// The rank that an identifier of the reference message has, and its potential master if there
+    /// is one: `None` if it is not the identifier of a reference.
+    pub(crate) fn reference_rank(&self, id: Id) -> Option<(u8, Option<NodeId>)> {
         let reference = self.network.reference;
-        if !id.is_ranked_as(reference) {
+        if !id.agrees_in(reference, self.network.reference_bits) {
             return None;
         }
-        let rank = id.raw().checked_sub(reference.raw());
-        Some(rank.map(|rank| rank as u8).filter(|rank| {
-            self.network
-                .masters
-                .get(usize::from(*rank))
-                .is_some_and(Option::is_some)
-        }))
-    }
-
-    /// How long before the end of a basic cycle a reference counts as the next one,
-    /// in microseconds.
-    pub(crate) fn reference_early(&self) -> u32 {
-        matrix::REFERENCE_OFFSET_LIMIT + self.network.uncertainty + self.network.reference_length
+        // The difference is large if there is no such rank.
+        let rank = id.rank(reference);
+        let master = self.network.masters.get(rank as usize);
+        Some((rank as u8, master.copied().flatten()))
     }
 }
 

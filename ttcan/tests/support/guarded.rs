@@ -99,8 +99,12 @@ pub(crate) struct Guarded<const P: usize> {
     pub(crate) watch: Watch<P>,
     pub(crate) judge: Judge<'static, P>,
     rounds: Rounds,
-    /// A guardian of each node alone, which only watches.
+    /// A guardian of each node alone, and the gates that they open.
     singles: Vec<Guardian<'static, 1>>,
+    singly_open: u32,
+    /// Nodes with a guardian of their own, bit by bit. With any, the guardian of all nodes only watches, the other
+    /// nodes have no gate, and guardians sleep while their lines are at rest.
+    pub(crate) own: u32,
     crystal: Crystal,
     open: Gates,
     /// A frame that was taken, with its stamp and the lines at that moment.
@@ -159,6 +163,8 @@ impl<const P: usize> Guarded<P> {
             judge,
             rounds: Rounds::default(),
             singles,
+            singly_open: u32::MAX,
+            own: 0,
             crystal,
             open,
             taken: None,
@@ -202,7 +208,11 @@ impl<const P: usize> Guarded<P> {
     }
 
     pub(crate) fn is_open(&self, sender: usize) -> bool {
-        self.open.is_open(sender)
+        if self.own == 0 {
+            self.open.is_open(sender)
+        } else {
+            (self.singly_open | !self.own) >> sender & 1 == 1
+        }
     }
 
     fn stamp(&self, nanos: u64) -> Stamp {
@@ -313,7 +323,10 @@ impl<const P: usize> Guarded<P> {
         if self.lines.fell == 0 {
             let now = self.next_look();
             let wake = [Some(self.judge.wake()), self.watch.due()];
-            let asked = self.singles.iter().map(Guardian::due);
+            let all = self.own == 0;
+            let awake = self.singles.iter();
+            let awake = awake.filter(|single| all || !single.is_at_rest());
+            let asked = awake.map(Guardian::due);
             let dues = wake.into_iter().flatten().chain(asked);
             let at = self.stamp(now);
             let ahead = dues.map(|due| due.ticks_since(at)).min().unwrap_or(0);
@@ -338,7 +351,10 @@ impl<const P: usize> Guarded<P> {
                 dominant: self.lines.dominant >> at & 1,
                 fell: self.lines.fell >> at & 1,
             };
-            let _ = single.look(line, now);
+            if self.own == 0 || line != Lines::default() || !single.is_at_rest() {
+                let open = single.look(line, now).bits();
+                self.singly_open = self.singly_open & !(1 << at) | open << at;
+            }
         }
         self.lines.fell = 0;
         self.looks += 1;
@@ -347,6 +363,15 @@ impl<const P: usize> Guarded<P> {
     /// How often a sender was cut, and why the last time.
     pub(crate) fn trips(&self, sender: usize) -> (u16, Option<Trip>) {
         self.judge.trips(sender)
+    }
+
+    /// How often a sender was cut by the guardian that has its gate, and why the last time.
+    pub(crate) fn cuts(&self, sender: usize) -> (u16, Option<Trip>) {
+        match self.own {
+            0 => self.trips(sender),
+            own if own >> sender & 1 == 1 => self.singles[sender].trips(0),
+            _ => (0, None),
+        }
     }
 
     pub(crate) fn state(&self) -> GuardianState {

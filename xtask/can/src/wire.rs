@@ -150,51 +150,6 @@ impl WireFrame {
     }
 }
 
-/// Length of a frame in bits as [`WireFrame::bits`] counts them: from start of frame to the last bit
-/// of end of frame, stuff bits included, intermission not. It allocates nothing, for logs of millions
-/// of frames.
-#[must_use]
-pub fn frame_bits(frame: &Frame) -> u32 {
-    // At most 118 bits: the fields and the CRC of an extended frame with eight bytes.
-    let (mut plain, mut count) = (0_u128, 0_u32);
-    let mut push = |value: u64, width: u32| {
-        plain = plain << width | u128::from(value);
-        count += width;
-    };
-    let remote = u64::from(frame.is_remote());
-    match frame.id() {
-        // Start of frame is dominant, and so are the two bits behind the remote request.
-        Id::Standard(id) => push(u64::from(id.as_raw()) << 3 | remote << 2, 15),
-        Id::Extended(id) => {
-            let id = u64::from(id.as_raw());
-            push(id >> 18 << 2 | 0b11, 14);
-            push((id & 0x3_FFFF) << 3 | remote << 2, 21);
-        }
-    }
-    push(u64::from(frame.dlc()), 4);
-    for byte in frame.data() {
-        push(u64::from(*byte), 8);
-    }
-    let bit = |plain: u128, index: u32| plain >> index & 1 == 1;
-    let crc = (0..count)
-        .rev()
-        .fold(0, |crc, index| crc15_step(crc, bit(plain, index)));
-    let (plain, count) = (plain << 15 | u128::from(crc), count + 15);
-    // The bus is recessive before the dominant start of frame.
-    let (mut run, mut last, mut stuffed) = (0, true, 0);
-    for index in (0..count).rev() {
-        let level = bit(plain, index);
-        run = if level == last { run + 1 } else { 1 };
-        last = level;
-        if run == STUFF_RUN {
-            stuffed += 1;
-            last = !level;
-            run = 1;
-        }
-    }
-    count + stuffed + TAIL_BITS as u32
-}
-
 /// The field that a bit belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Field {

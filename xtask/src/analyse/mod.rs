@@ -16,16 +16,17 @@ mod traffic;
 
 use std::path::{Path, PathBuf};
 
-use can_bus::{
-    Frame,
-    wire::{self, INTERMISSION_BITS},
-};
+use can_bus::{Frame, wire::INTERMISSION_BITS};
 use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
 use crate::{
-    Failure, Workspace, cli::Analyse, network::decode::Decoder, page::chart, progress::Display,
+    Failure, Workspace,
+    cli::Analyse,
+    network::{decode::Decoder, length::frame_bits},
+    page::chart,
+    progress::Display,
     vehicle,
 };
 use events::Events;
@@ -197,6 +198,23 @@ pub fn analyse(
     Ok(found.summary)
 }
 
+/// Hands over the frames of the vehicle's bus in a log, with their times in nanoseconds from the first frame.
+///
+/// # Errors
+///
+/// [`Failure::Usage`]: the log cannot be read or has no known format, or there is no frame.
+pub(crate) fn replay(
+    vehicle: &Vehicle,
+    log: &Path,
+    each: &mut dyn FnMut(i64, &Frame),
+) -> Result<(), Failure> {
+    let mut display = Display::new();
+    let input = Input::survey(vehicle, &[log.to_owned()], None, &mut display)?;
+    input.survey.replay(&mut display, each)?;
+    display.end();
+    Ok(())
+}
+
 fn json(summary: &Summary) -> String {
     let text = serde_json::to_string_pretty(summary).unwrap_or_default();
     format!("{text}\n")
@@ -307,7 +325,7 @@ impl<'d> Analysis<'d> {
 
     /// Takes the next frame; returns time, identifier and data of one that can be decoded.
     fn take(&mut self, stamp: i64, frame: &Frame) -> Option<(i64, u16, [u8; 8])> {
-        let bits = wire::frame_bits(frame);
+        let bits = frame_bits(frame);
         let length = i64::from(bits) * 1_000_000_000 / self.bit_rate;
         let at = match self.last {
             Some(last) => self.between(last, stamp),

@@ -492,7 +492,7 @@ const fn longest(basic_cycle: i64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use can_bus::wire;
+    use crate::network::length::frame_bits;
     use world::report::{FrameRecord, Run, Summary};
     use world::{Scenario, SimDuration, SimTime};
 
@@ -553,7 +553,7 @@ mod tests {
     }
 
     fn length(frame: &Frame) -> i64 {
-        i64::from(wire::frame_bits(frame)) * 4000
+        i64::from(frame_bits(frame)) * 4000
     }
 
     fn record(at: i64, frame: &Frame) -> FrameRecord {

@@ -1,6 +1,6 @@
 //! Chapter 6: tasks, lines of devices, and the bus.
 
-use can_bus::{candump::Line, wire};
+use can_bus::candump::Line;
 use embedded_can::Id;
 use vehicle_model::Device;
 use world::{
@@ -12,7 +12,7 @@ use super::{
     drawn::{Drawn, Number, Row, Timeline},
     takes::{Take, Takes},
 };
-use crate::sim::Finished;
+use crate::{network::length::frame_bits, sim::Finished};
 
 /// Colour of bars.
 const BAR: &str = "bar";
@@ -484,7 +484,7 @@ fn thesis_frames() -> Vec<Begun> {
         let Id::Standard(id) = line.frame.id() else {
             return None;
         };
-        let length = f64::from(wire::frame_bits(&line.frame)) * THESIS_BIT;
+        let length = f64::from(frame_bits(&line.frame)) * THESIS_BIT;
         Some(Begun {
             at: line.at.as_ticks() as f64 * 1e-12 - length,
             length,

@@ -1,6 +1,8 @@
-//! `monitor`: a bus against its schedule, as it happens.
+//! `monitor`: a bus against its schedule, as it happens or as a log tells it.
 
 mod clock;
+mod log;
+mod source;
 mod watch;
 
 use std::{
@@ -17,10 +19,11 @@ use crate::{
     Failure, Workspace,
     cli::Monitor,
     interrupt,
-    selftest::{self, Received, Slcan, Transport, TransportError},
+    selftest::{self, Bus, Received, Slcan, Transport, TransportError},
 };
 use clock::Clock;
-pub use watch::{Class, NodeState, Picture, Watch, WindowState};
+pub use source::{NoSource, Source};
+pub use watch::{Change, Class, NodeState, Picture, Watch, WindowState};
 
 /// How often the picture is renewed.
 const RENEWED: Duration = Duration::from_secs(1);
@@ -72,10 +75,17 @@ impl Error {
 ///
 /// # Errors
 ///
-/// There is no such vehicle or bus (exit code 2), or the bus is silent.
+/// There is no such vehicle, bus or log (exit code 2), or the bus is silent.
 pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
+    match &options.source {
+        Source::Bus(bus) => run_on_bus(workspace, options, bus),
+        Source::Log(file) => log::run(workspace, options, file),
+    }
+}
+
+fn run_on_bus(workspace: &Workspace, options: &Monitor, bus: &Bus) -> Result<(), Failure> {
     let name = options.vehicle.as_deref();
-    let vehicle = selftest::of_bus(workspace, name, &options.bus, &options.set)?;
+    let vehicle = selftest::of_bus(workspace, name, bus, &options.set)?;
     let mut record = match &options.record {
         Some(file) => Some(Record::at(file)?),
         None => None,
@@ -83,7 +93,7 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
     let bit_rate = vehicle.network().bit_rate;
     // How late a busy computer reads a frame says nothing of the node.
     let adapter = Slcan::open_stamped;
-    let mut transport = selftest::open(workspace, &vehicle, &options.bus, bit_rate, adapter)?;
+    let mut transport = selftest::open(workspace, &vehicle, bus, bit_rate, adapter)?;
     let begin = transport.now();
     let end = options.seconds.map(|seconds| begin + seconds);
     let mut watch = Watch::new(&vehicle);
@@ -113,9 +123,11 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
         }
         if transport.now() >= next {
             next += RENEWED;
+            watch.judge(clock.now(transport.now().saturating_sub(begin)));
             screen.show(&picture(&watch, &clock, &*transport, begin));
         }
     }
+    watch.judge(clock.now(transport.now().saturating_sub(begin)));
     let picture = picture(&watch, &clock, &*transport, begin);
     let watched = transport.now().saturating_sub(begin);
     if picture.frames == 0
@@ -130,7 +142,7 @@ pub fn run(workspace: &Workspace, options: &Monitor) -> Result<(), Failure> {
         print!("{}", picture.text());
     }
     if picture.frames == 0 {
-        let bus = options.bus.to_string();
+        let bus = bus.to_string();
         let seconds = watched.as_secs_f64();
         return Err(Error::Silent { bus, seconds }.into());
     }

@@ -1,18 +1,22 @@
 //! What is known of a bus from the frames that have come.
 
-use std::{collections::BTreeMap, fmt::Write, time::Duration};
-
-use can_bus::{
-    Frame,
-    wire::{self, INTERMISSION_BITS},
+use std::{
+    collections::{BTreeMap, VecDeque},
+    fmt::Write,
+    time::Duration,
 };
+
+use can_bus::{Frame, wire::INTERMISSION_BITS};
 use embedded_can::Id;
 use serde::Serialize;
 use vehicle_model::Vehicle;
 use world::report::{FrameRecord, ModeChange, Window, WindowKind, rounded};
 use world::{SimTime, time::span_micros};
 
-use crate::network::matrix::{Matrix, are_in_order};
+use crate::network::{
+    length::frame_bits,
+    matrix::{Matrix, are_in_order},
+};
 
 /// The last time span that classes are judged by.
 const SPAN: Duration = Duration::from_secs(1);
@@ -23,6 +27,9 @@ const BABBLE: f64 = 2.0;
 /// How far a frame of an adapter's time stamp may be from its window: adapters on USB report a frame
 /// up to some milliseconds after its end.
 const STAMPED: Duration = Duration::from_millis(4);
+
+/// As many changes of classes are kept. A bus that has more of them is told by its last ones.
+const CHANGES: usize = 200;
 
 /// From such a difference on it is told how fast the bus runs against time.
 const DRIFT: f64 = 0.05;
@@ -92,6 +99,17 @@ pub struct WindowState {
     pub outside: u64,
 }
 
+/// A node that began to behave in another way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// When that was seen, s.
+    pub at: f64,
+    /// The node.
+    pub node: String,
+    /// How it behaves from here on.
+    pub class: Class,
+}
+
 /// All that is known at an instant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
@@ -118,6 +136,8 @@ pub struct Picture {
     pub foreign: BTreeMap<String, u64>,
     /// Remote frames, which ask for a message: identifier and number. Who sent them is not known.
     pub remote: BTreeMap<String, u64>,
+    /// Nodes that began to behave in another way, in order of time; the last [`CHANGES`] of them.
+    pub changes: Vec<Change>,
 }
 
 /// The same time in the unit of the simulation.
@@ -159,15 +179,20 @@ pub struct Watch {
     recent: Vec<Recent>,
     frames: u64,
     modes: Vec<ModeChange>,
+    changes: VecDeque<Change>,
+    /// How each node behaves, in the order of `nodes`.
+    classes: Vec<Class>,
 }
 
 impl Watch {
     /// A bus of which no frame has come yet.
     #[must_use]
     pub fn new(vehicle: &Vehicle) -> Self {
+        let nodes = crate::vehicle::node_names(vehicle);
         Self {
             vehicle: vehicle.name().to_owned(),
-            nodes: crate::vehicle::node_names(vehicle),
+            classes: vec![Class::Unheard; nodes.len()],
+            nodes,
             matrix: Matrix::new(vehicle),
             bit_rate: f64::from(vehicle.network().bit_rate.max(1)),
             reference: None,
@@ -178,16 +203,17 @@ impl Watch {
             recent: Vec::new(),
             frames: 0,
             modes: Vec::new(),
+            changes: VecDeque::new(),
         }
     }
 
-    fn cycle(&self) -> Duration {
+    pub(super) fn cycle(&self) -> Duration {
         Duration::from_nanos(self.matrix.basic_cycle().as_ticks() / 1000)
     }
 
     /// Takes a frame that ended at `at`.
     pub fn take(&mut self, at: Duration, frame: &Frame) {
-        let bits = wire::frame_bits(frame);
+        let bits = frame_bits(frame);
         let start = at.saturating_sub(Duration::from_secs_f64(f64::from(bits) / self.bit_rate));
         self.frames += 1;
         let id = match frame.id() {
@@ -286,6 +312,36 @@ impl Watch {
             .extend(change.filter(|change| last != Some(&change.mode)));
     }
 
+    /// Notes which nodes behave in another way at this time than when they were judged last.
+    pub fn judge(&mut self, now: Duration) {
+        let recent = self.recent(now);
+        let classes = self
+            .nodes
+            .iter()
+            .map(|name| self.node(name, &recent, now).class);
+        let classes: Vec<Class> = classes.collect();
+        for (at, class) in classes.iter().enumerate() {
+            if self.classes[at] == *class {
+                continue;
+            }
+            if self.changes.len() == CHANGES {
+                self.changes.pop_front();
+            }
+            self.changes.push_back(Change {
+                at: rounded(now.as_secs_f64(), 3),
+                node: self.nodes[at].clone(),
+                class: *class,
+            });
+        }
+        self.classes = classes;
+    }
+
+    /// The frames of the last second.
+    fn recent(&self, now: Duration) -> Vec<&Recent> {
+        let all = self.recent.iter();
+        all.filter(|one| one.at + SPAN >= now).collect()
+    }
+
     /// The changes of the vehicle's mode so far.
     pub(crate) fn modes(&self) -> &[ModeChange] {
         &self.modes
@@ -304,11 +360,7 @@ impl Watch {
     /// What is known at this time.
     #[must_use]
     pub fn picture(&self, now: Duration) -> Picture {
-        let recent: Vec<&Recent> = self
-            .recent
-            .iter()
-            .filter(|one| one.at + SPAN >= now)
-            .collect();
+        let recent = self.recent(now);
         let watched = now.min(SPAN).as_secs_f64().max(1e-9);
         let bits: u32 = recent.iter().map(|one| one.bits).sum();
         let nodes = self.nodes.iter().map(|node| self.node(node, &recent, now));
@@ -337,6 +389,7 @@ impl Watch {
             messages: messages.collect(),
             foreign: self.foreign.clone(),
             remote: self.remote.clone(),
+            changes: self.changes.iter().cloned().collect(),
         }
     }
 
@@ -484,6 +537,18 @@ impl Picture {
         if self.unreadable_lines > 0 {
             let lines = self.unreadable_lines;
             let _ = writeln!(t, "lines of the adapter that could not be read: {lines}");
+        }
+        if !self.changes.is_empty() {
+            let _ = writeln!(t, "\nnodes over time");
+        }
+        for change in &self.changes {
+            let _ = writeln!(
+                t,
+                "{:>10.1} s  {:<12}{}",
+                change.at,
+                change.node,
+                change.class.word()
+            );
         }
         t
     }

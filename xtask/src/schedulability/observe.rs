@@ -25,8 +25,8 @@ use schedulability::{
     transfers::{Rate, Transfers},
     units::time,
 };
-use twin::{Outcome, Twin, mcu::FlashTiming};
-use vehicle_model::Vehicle;
+use twin::{GateChange, Outcome, Twin, mcu::FlashTiming};
+use vehicle_model::{NodeIndex, Vehicle};
 use wcet::cycles::Model;
 use world::{Scenario, scenario::BusEvent, time::seconds, units::Time};
 
@@ -117,12 +117,13 @@ pub(super) fn observe(
         .map_err(|_| Error::BrokenDown)?;
     let mut all = BTreeMap::new();
     for (job, outcome) in jobs.iter().zip(outcomes) {
+        let outcome = outcome?;
         let strange = strange(
             job.scenario,
             vehicle.is_event_triggered(),
             programs.errors(),
         );
-        note(&mut all, *job, &outcome?, images, &strange)?;
+        note(&mut all, *job, &outcome, images, &strange)?;
     }
     Ok(all)
 }
@@ -238,6 +239,26 @@ fn strange(scenario: &Scenario, event_triggered: bool, errors: ErrorRate) -> Vec
     times.collect()
 }
 
+/// The times in which a guardian keeps a node off the bus: each of its attempts to send fails at its first
+/// bit, and is followed by the next one, which no rate of disturbed frames has.
+fn kept_off(gates: &[GateChange], node: NodeIndex) -> Vec<Range<u64>> {
+    let own = gates.iter().filter(|change| change.node == node);
+    let mut times: Vec<Range<u64>> = Vec::new();
+    let mut closed: Option<u64> = None;
+    for change in own {
+        match (closed, change.closed) {
+            (None, true) => closed = Some(change.at.as_ticks()),
+            (Some(from), false) => {
+                times.push(from..change.at.as_ticks() + ON_THE_BUS);
+                closed = None;
+            }
+            _ => {}
+        }
+    }
+    times.extend(closed.map(|from| from..u64::MAX));
+    times
+}
+
 /// The parts of a run outside these times.
 fn without(run: &[u64], times: &[Range<u64>]) -> Vec<Vec<u64>> {
     let mut parts = vec![Vec::new()];
@@ -277,8 +298,9 @@ fn note(
             None
         };
         let image = image.transpose()?;
+        let strange = [strange, &kept_off(&outcome.gates, node.node)].concat();
         let outside = |runs: &[Vec<u64>]| -> Vec<Entered> {
-            let runs = runs.iter().flat_map(|run| without(run, strange));
+            let runs = runs.iter().flat_map(|run| without(run, &strange));
             runs.map(|at| Entered {
                 scenario: scenario.name.clone(),
                 at,
@@ -295,9 +317,37 @@ fn note(
 
 #[cfg(test)]
 mod tests {
-    use super::{Findings, hold_transfers};
+    use super::{Findings, ON_THE_BUS, hold_transfers, kept_off, without};
+    use can_bus::SimTime;
     use schedulability::transfers::{Transfers, Unit};
     use std::collections::BTreeMap;
+    use twin::GateChange;
+    use vehicle_model::NodeIndex;
+
+    #[test]
+    fn releases_of_a_node_that_is_kept_off_the_bus_are_not_held_against_the_table() {
+        let change = |at: u64, node: usize, closed: bool| GateChange {
+            at: SimTime::from_ticks(at),
+            node: NodeIndex(node),
+            closed,
+        };
+        let gates = [
+            change(1000, 0, true),
+            change(1500, 1, true),
+            change(3000, 0, false),
+            change(4000, 2, true),
+        ];
+        let released = [900, 1000, 2999, 3000 + ON_THE_BUS, 3001 + ON_THE_BUS];
+        let held = without(&released, &kept_off(&gates, NodeIndex(0)));
+        assert_eq!(
+            held,
+            [vec![900], vec![3000 + ON_THE_BUS, 3001 + ON_THE_BUS]]
+        );
+        // To the end, as the gate stays closed.
+        let held = without(&released, &kept_off(&gates, NodeIndex(1)));
+        assert_eq!(held, [vec![900, 1000]]);
+        assert_eq!(kept_off(&gates, NodeIndex(3)), []);
+    }
 
     #[test]
     fn a_transfer_that_the_task_table_omits_fails_the_run() {

@@ -82,6 +82,11 @@ pub enum Error {
         "--watch draws on a terminal, and the standard output is none: leave it out, or let it be one"
     )]
     NoScreen,
+    /// The terminal shows one line after another.
+    #[error(
+        "--watch draws all over the terminal, and TERM says that it is a dumb one: leave it out, or name the terminal that it is, such as TERM=xterm"
+    )]
+    Dumb,
     /// The terminal of the view fails.
     #[error("--watch: the terminal cannot be used: {0}")]
     Screen(#[source] std::io::Error),
@@ -222,6 +227,9 @@ impl Live {
     ) -> Result<Self, Error> {
         if watched && !std::io::stdout().is_terminal() {
             return Err(Error::NoScreen);
+        }
+        if watched && std::env::var("TERM").is_ok_and(|term| term == "dumb") {
+            return Err(Error::Dumb);
         }
         if can.is_some() && speed.is_none() {
             return Err(Error::NoPace);

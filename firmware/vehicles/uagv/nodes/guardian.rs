@@ -44,7 +44,8 @@ mod app {
 
     /// Guarded nodes, each at the tap of its place.
     const NODES: usize = guarded::NODES.len();
-    /// Looks come every 8.9 us, and each up to 2.1 us late: the interrupt's entry, and a lock of another task.
+    /// Looks come every 8.9 us, and each up to 2.1 us late: the interrupt's entry, and a lock of another task. The
+    /// deadline of `look` in `guardian.tasks.toml` holds it to that.
     const INTERVAL: Micros = Micros::micros(11);
     /// Looks from one `rule` to the next.
     const ROUND: u8 = 28;
