@@ -56,6 +56,7 @@ mod app {
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
     // RTIC names the type of a resource even where it is switched off.
     use uagv::mission;
+    use uagv::session::{self, Session};
     use uagv::wire::{self, Record};
     use uagv::{Link, Pilot, Stack, guide, identity, peers};
 
@@ -69,6 +70,8 @@ mod app {
         change: Option<Change>,
         /// Which of the other nodes does not do its part on the bus.
         trouble: Option<Trouble>,
+        /// A session in which `control` does not seal yet.
+        session: session::News,
     }
 
     #[shared]
@@ -97,6 +100,7 @@ mod app {
         screen: Text<{ display::CAPACITY }>,
         keeper: Keeper,
         log: Log,
+        session: Session,
         #[cfg(mission)]
         mission: mission::Plan,
     }
@@ -124,7 +128,8 @@ mod app {
         let (Some(operator), Ok(mut pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
-        guide::set_secret(&mut pilot, start.secret);
+        let session = Session::of_sender(start.secret);
+        guide::set_secret(&mut pilot, session.secret());
         #[cfg(mission)]
         let Ok(mission) = mission::plan(&mut pilot, sled.mission) else {
             fault::stop(Fault::Start)
@@ -141,6 +146,7 @@ mod app {
                     axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
                     change: None,
                     trouble: None,
+                    session: Some(session.secret()),
                 },
                 lcd: operator.lcd,
                 refresh_due: false,
@@ -166,6 +172,7 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                session,
                 #[cfg(mission)]
                 mission,
             },
@@ -229,9 +236,12 @@ mod app {
             if change.is_some() {
                 driving.change = change;
             }
-            wire::command(&decision, cx.local.sender, time)
+            let sender = cx.local.sender;
+            session::change(sender, &mut driving.session);
+            let command = wire::command(&decision, sender, time);
+            session::can_seal(sender).then_some(command)
         });
-        link.lock(|link| link.put(window::COMMAND, command));
+        link.lock(|link| link.replace(window::COMMAND, command));
         rtic::pend(Interrupt::EXTI4);
     }
 
@@ -356,19 +366,23 @@ mod app {
         due.lock(|due| *due = !sent);
     }
 
-    #[task(priority = 2, shared = [link, driving, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, driving, test], local = [keeper, session])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.session);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        session: &mut Session,
+    ) {
         // Sections of their own, because each blocks the interrupts of the bus.
         shared.link.lock(|link| {
             link.keep();
@@ -376,6 +390,13 @@ mod app {
                 link.start();
             }
         });
+        if shared.link.lock(|link| session.step(link)) {
+            let secret = session.secret();
+            shared.driving.lock(|driving| {
+                guide::set_secret(&mut driving.pilot, secret);
+                driving.session = Some(secret);
+            });
+        }
         let bus = shared.link.lock(|link| BusView::of(link));
         let trouble = Trouble::among(&shared.link.lock(|link| peers::of(link)));
         let (steps, idle, is_news) = shared.driving.lock(|driving| {
