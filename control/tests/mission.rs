@@ -55,11 +55,30 @@ fn a_field_is_sound() {
     assert_eq!(repeated.turns, 6);
 }
 
+/// A record has the vehicle's top speed in single precision: a last digit too much.
+#[test]
+fn the_top_speed_may_be_rounded() {
+    let fence = FIELD.fence();
+    let checked = |factor: f64| {
+        let mut legs = FIELD.legs();
+        for leg in &mut legs {
+            leg.speed = settings().top_speed * factor;
+        }
+        check(&mission(&legs, &fence), &settings())
+    };
+    assert!(checked(1.0 + 1e-7).is_ok());
+    let faulty = Violation::Leg {
+        number: 0,
+        fault: Fault::Speed,
+    };
+    assert_eq!(checked(1.001), Err(faulty));
+}
+
 /// One fault in a leg is found, with its number.
 #[test]
 fn faults_are_named() {
     type Change = fn(&mut Leg<f64>);
-    let faults: [(Change, usize, Fault); 13] = [
+    let faults: [(Change, usize, Fault); 15] = [
         (|leg| leg.start.north = f64::NAN, 3, Fault::NotFinite),
         (|leg| leg.speed = f64::INFINITY, 3, Fault::NotFinite),
         (|leg| leg.start.east = 5000.0, 3, Fault::TooFar),
@@ -68,6 +87,14 @@ fn faults_are_named() {
         (|leg| leg.length = 2500.0, 3, Fault::Length),
         (|leg| leg.speed = 0.0, 3, Fault::Speed),
         (|leg| leg.speed = 2.5, 3, Fault::Speed),
+        // The vehicle would stand.
+        (|leg| leg.speed = 0.000_6, 3, Fault::Speed),
+        // Where such a spiral ends is not known.
+        (
+            |leg| (leg.curvature, leg.sharpness, leg.length) = (0.3, -0.000_497, 564.0),
+            3,
+            Fault::Length,
+        ),
         (|leg| leg.curvature = 0.4, 3, Fault::Curvature),
         (|leg| leg.sharpness = -0.01, 3, Fault::Curvature),
         (|leg| leg.length = 49.0, 3, Fault::Outside),

@@ -280,6 +280,11 @@ impl<C: Command> Supervised<C> {
         }
     }
 
+    /// From now on commands are judged by this secret, that of another session, or none is obeyed.
+    pub fn set_secret(&mut self, secret: Option<Secret>) {
+        self.hold.protection.set_secret(secret);
+    }
+
     /// Judges a frame from the command's window that arrived before `now`, in the basic cycle
     /// that began at system time `time` (ms).
     ///

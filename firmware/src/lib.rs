@@ -54,6 +54,8 @@ pub mod steering;
 pub mod text;
 mod vehicle;
 
+pub use sled_common::starts;
+
 #[cfg(feature = "f303")]
 pub use sled_f303 as board;
 #[cfg(feature = "f446")]

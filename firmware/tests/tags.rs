@@ -4,7 +4,7 @@
 
 use core::hash::Hasher;
 
-use firmware::e2e::{Key, Secret, TimeProof, tag};
+use firmware::e2e::{Key, Secret, Session, TimeProof, tag};
 use siphasher::sip::SipHasher24;
 use ttcan::{Frame, Id, Micros};
 
@@ -64,6 +64,28 @@ fn the_tags_of_references_are_those_of_another_implementation() {
         proof.begin(&frame);
         proof.close(proof.open().expect("a tag is needed").answer());
         assert_eq!(proof.bits().to_string(), expected, "{line}");
+        seen += 1;
+    }
+    assert_eq!(seen, 100);
+}
+
+#[test]
+fn the_keys_of_sessions_are_those_of_another_implementation() {
+    let mut seen = 0;
+    for line in include_str!("data/sessions.txt").lines() {
+        let words: Vec<&str> = line.split(' ').collect();
+        let [network, first, second, key] = words[..] else {
+            panic!("four words: {line}");
+        };
+        let mut session = Session::<2>::new(Secret::Key(Key::new(bytes(network))));
+        for (place, start) in [first, second].into_iter().enumerate() {
+            session.hear(place, start.parse().expect("a number"));
+        }
+        assert_eq!(
+            session.secret(),
+            Some(Secret::Key(Key::new(bytes(key)))),
+            "{line}"
+        );
         seen += 1;
     }
     assert_eq!(seen, 100);

@@ -201,6 +201,9 @@ pub struct Sled {
     /// The two erase units below that, which are for missions and hold no part of an image; `None` on a board that
     /// has no room for them.
     pub mission: Option<Memory>,
+    /// The two erase units below the key, in which a node counts its starts; `None` on a board that has no room for
+    /// them.
+    pub starts: Option<Memory>,
     /// What an image may use.
     pub budget: Budget,
     /// Ticks of the time base from an interrupt of the bus to the time stamp that its task
@@ -283,6 +286,7 @@ pub static SLED_F446: Sled = Sled {
         size: 256 * KIB,
         dma: true,
     }),
+    starts: None,
     budget: Budget {
         flash: 128 * KIB,
         statics: 32 * KIB,
@@ -397,8 +401,14 @@ pub static SLED_F303: Sled = Sled {
         dma: true,
     },
     mission: None,
+    starts: Some(Memory {
+        name: "STARTS",
+        base: 0x0800_E800,
+        size: 4 * KIB,
+        dma: true,
+    }),
     budget: Budget {
-        flash: 60 * KIB,
+        flash: 58 * KIB,
         statics: 8 * KIB,
         stack: 2 * KIB,
     },
@@ -558,13 +568,13 @@ impl Sled {
         }
     }
 
-    /// The part of the flash that images are placed in: all below the missions and the key.
+    /// The part of the flash that images are placed in: all below the missions or the starts, and the key.
     #[must_use]
     pub const fn program(&self) -> Memory {
         let flash = self.part.flash;
-        let end = match self.mission {
-            Some(mission) => mission.base,
-            None => self.secret.base,
+        let end = match (&self.mission, &self.starts) {
+            (Some(below), _) | (None, Some(below)) => below.base,
+            (None, None) => self.secret.base,
         };
         Memory {
             size: end - flash.base,
@@ -650,7 +660,10 @@ const _: () = {
                 && sled.secret.end() == sled.part.flash.end()
         );
         if let Some(mission) = &sled.mission {
-            assert!(mission.end() == sled.secret.base);
+            assert!(mission.end() == sled.secret.base && sled.starts.is_none());
+        }
+        if let Some(starts) = &sled.starts {
+            assert!(starts.end() == sled.secret.base);
         }
         assert!(stack_is_guarded(sled) && sled.budget.stack <= sled.stack.size);
         index += 1;

@@ -7,6 +7,7 @@
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
 //! - [`clock`]: the clocks of a running board, and why it started;
+//! - [`starts`]: the number of a start, counted in the flash;
 //! - [`selftest`]: what a board finds out about itself, by means of [`memory`], [`image`] and
 //!   [`stack`];
 //! - `tick`, on a target only: the priority of SysTick.
@@ -30,5 +31,6 @@ pub mod pulse;
 pub mod secret;
 pub mod selftest;
 pub mod stack;
+pub mod starts;
 #[cfg(target_os = "none")]
 pub mod tick;

@@ -84,7 +84,7 @@ pub mod watchdog;
 pub use bus::{CanPort, Timings};
 pub use motor::stop as stop_actuator;
 pub use parts::SLED_F303 as FACTS;
-pub use registers::{clocks, time};
+pub use registers::{clocks, flash, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{burst, can, clock, dma, fault, kept, lines, pulse, selftest, stack};
@@ -119,6 +119,8 @@ pub struct Sled {
     pub motor: motor::MotorOutput,
     /// The words in the place of the network's key.
     pub secret: [u32; sled_common::secret::WORDS],
+    /// The pages in which the node may count its starts.
+    pub starts: flash::Pages,
     /// What the board found out about itself.
     pub findings: Findings,
     /// The LED.
@@ -159,6 +161,15 @@ struct Pins {
     pulls_b: gpiob::PUPDR,
 }
 
+/// Lets the clock through to what needs nothing but that.
+fn open_gates(apb1: &mut rcc::APB1, ahb: &mut rcc::AHB) {
+    gate::open::<pac::CAN>(apb1);
+    gate::open::<pac::TIM3>(apb1);
+    gate::open::<pac::ADC1_2>(ahb);
+    gate::open::<pac::GPIOA>(ahb);
+    gate::open::<pac::GPIOB>(ahb);
+}
+
 impl Sled {
     /// Starts the board for a bus of this bit rate, bit/s: the watchdog first, which bounds everything after it to `watchdog`
     /// milliseconds, then the clocks, then the motor's port, which sends the stop command, then
@@ -189,11 +200,7 @@ impl Sled {
         let channels = device.DMA1.split(&mut rcc.ahb);
         let console =
             console::start(&device.USART2, clocks.apb1, channels.ch7).ok_or(Fault::Start)?;
-        gate::open::<pac::CAN>(&mut rcc.apb1);
-        gate::open::<pac::TIM3>(&mut rcc.apb1);
-        gate::open::<pac::ADC1_2>(&mut rcc.ahb);
-        gate::open::<pac::GPIOA>(&mut rcc.ahb);
-        gate::open::<pac::GPIOB>(&mut rcc.ahb);
+        open_gates(&mut rcc.apb1, &mut rcc.ahb);
 
         let mut a = device.GPIOA.split(&mut rcc.ahb);
         let mut b = device.GPIOB.split(&mut rcc.ahb);
@@ -230,6 +237,7 @@ impl Sled {
             alarms,
             can,
             secret: sled_common::secret::record(&FACTS.secret),
+            starts: flash::Pages::new(device.FLASH),
             findings,
             console,
             motor: motor::MotorOutput::new(motor, motor::Relay::new(relay, sense)),

@@ -23,6 +23,10 @@ pub const JOIN_HEADING: f64 = 0.01;
 /// The same for the curvature, 1/m. At a turn it is the largest curvature before and behind it.
 pub const JOIN_CURVATURE: f64 = 0.01;
 
+/// Most that a leg of changing curvature may wind, rad: its length times its larger curvature. Up to here
+/// [`travel`](crate::clothoid::travel) knows where it ends.
+pub const WINDING: f64 = 8.0;
+
 /// Poses that a step compares with the fence.
 const POSES: usize = 8;
 
@@ -34,9 +38,9 @@ pub enum Fault {
     /// A coordinate is beyond [`REACH`], or a heading beyond 100 rad, where single precision loses
     /// digits.
     TooFar,
-    /// The length is not between [`SHORTEST`] and [`LONGEST`].
+    /// The length is not between [`SHORTEST`] and [`LONGEST`], or the leg winds by more than [`WINDING`].
     Length,
-    /// The speed is not positive, or above the vehicle's.
+    /// The speed is below the creeping speed, or above the vehicle's.
     Speed,
     /// The curvature is above the vehicle's, with the reserve that its settings state.
     Curvature,
@@ -65,8 +69,13 @@ impl core::fmt::Display for Fault {
                     "a coordinate is beyond {REACH} m or a heading beyond 100 rad"
                 )
             }
-            Self::Length => write!(f, "its length is not between {SHORTEST} and {LONGEST} m"),
-            Self::Speed => f.write_str("its speed is not positive or above the vehicle's"),
+            Self::Length => write!(
+                f,
+                "its length is not between {SHORTEST} and {LONGEST} m, or it winds by more than {WINDING} rad"
+            ),
+            Self::Speed => {
+                f.write_str("its speed is below the creeping speed or above the vehicle's")
+            }
             Self::Curvature => f.write_str("its curvature is more than the vehicle can steer"),
             Self::Sharpness => f.write_str("its curvature changes faster than the steering"),
             Self::Outside => f.write_str("the vehicle would leave the fence"),
@@ -310,13 +319,21 @@ impl<T: Scalar> Check<T> {
         if !(leg.length >= T::lit(SHORTEST) && leg.length <= T::lit(LONGEST)) {
             return Err(Fault::Length);
         }
-        if !(leg.speed > T::zero() && leg.speed <= self.settings.top_speed) {
+        // Numbers in single precision come with rounding errors.
+        let (creep, top) = (self.settings.pace.creep, self.settings.top_speed);
+        let rounding = T::lit(1e-5);
+        if !(leg.speed >= creep * (T::one() - rounding) && leg.speed <= top * (T::one() + rounding))
+        {
             return Err(Fault::Speed);
         }
-        // Numbers in single precision come with rounding errors.
         let most = self.settings.curvature * T::lit(1.001);
         if !(leg.curvature.abs() <= most && part.last_curvature().abs() <= most) {
             return Err(Fault::Curvature);
+        }
+        let (first, last) = (leg.curvature.abs(), part.last_curvature().abs());
+        let most = if first > last { first } else { last };
+        if leg.sharpness != T::zero() && !(most * leg.length <= T::lit(WINDING)) {
+            return Err(Fault::Length);
         }
         let speed = self.settings.speed_on(&part, leg.speed);
         if speed < leg.speed && speed < self.settings.pace.creep {

@@ -22,7 +22,7 @@ mod planner;
 mod stretch;
 
 pub use check::{Check, Fault, JOIN_CURVATURE, JOIN_HEADING, JOIN_POSITION, Summary, Violation};
-pub use check::{LEGS, LONGEST, REACH, SHORTEST, check};
+pub use check::{LEGS, LONGEST, REACH, SHORTEST, WINDING, check};
 pub use outputs::{Outputs, Section, Switching};
 pub use pace::Pace;
 pub use planner::{Planner, Step};

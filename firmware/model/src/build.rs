@@ -54,7 +54,9 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
-    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission)");
+    println!(
+        "cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission, sessions)"
+    );
     let vehicle = Vehicle::read_with(folder, &overrides()?)?;
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
@@ -67,6 +69,9 @@ fn write() -> Result<(), Box<dyn Error>> {
     }
     if vehicle.manifest().missions().is_some() {
         println!("cargo::rustc-cfg=mission");
+    }
+    if vehicle.manifest().has_sessions() {
+        println!("cargo::rustc-cfg=sessions");
     }
     for file in vehicle.network_supplements() {
         println!("cargo::rerun-if-changed={}", file.display());

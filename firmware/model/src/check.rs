@@ -9,7 +9,7 @@ use parts::Sled;
 use crate::manifest::{
     BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
     DistanceSignals, Law, Machine, Manifest, Mission, Node, Planner, Protocol, Receiver,
-    RegulatorWeights, Rover, RowGuidance, SelfTest, SignalPath, SteeringGains, ThesisLaw,
+    RegulatorWeights, Rover, RowGuidance, SelfTest, Sessions, SignalPath, SteeringGains, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -54,6 +54,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(mission) = &manifest.mission {
         self::mission(mission, manifest, network)?;
+    }
+    if let Some(sessions) = &manifest.sessions {
+        self::sessions(sessions, manifest, network)?;
     }
     if let Some(guardian) = &manifest.guardian {
         self::guardian(guardian, manifest, network)?;
@@ -749,6 +752,41 @@ fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<
         )),
         None => Ok(()),
     }
+}
+
+/// Checks sessions, if they are on.
+fn sessions(sessions: &Sessions, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    if !sessions.enabled {
+        return Ok(());
+    }
+    if sessions.starts.is_empty() {
+        return Err(
+            "sessions.starts is empty: the signal of a node that obeys commands is accepted".into(),
+        );
+    }
+    for SignalPath { message, signal } in &sessions.starts {
+        let mut messages = network.messages.iter();
+        let Some(found) = messages.find(|other| other.name == *message) else {
+            return Err(format!("sessions.starts: there is no message {message:?}"));
+        };
+        if !found.signals.iter().any(|its| its.name == *signal) {
+            return Err(format!(
+                "sessions.starts: {message:?} has no signal {signal:?}"
+            ));
+        }
+        let sender = &found.sender;
+        let mut nodes = manifest.nodes.iter();
+        let board = nodes
+            .find(|node| node.name == *sender)
+            .map(|node| &node.board);
+        let sled = board.and_then(|board| Sled::named(board));
+        if sled.is_none_or(|sled| sled.starts.is_none()) {
+            return Err(format!(
+                "sessions.starts: {sender:?}, which sends {message:?}, has no board with room to count its starts: f303 has it"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Checks missions, be they on or off.

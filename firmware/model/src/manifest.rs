@@ -51,6 +51,8 @@ pub struct Manifest {
     pub planner: Option<Planner>,
     /// Missions in place of the one line; `None` if the vehicle is not meant for them.
     pub mission: Option<Mission>,
+    /// Sessions of nodes with a key; `None` if the vehicle is not meant for them.
+    pub sessions: Option<Sessions>,
     /// The bus guardian; `None` if the vehicle is not meant to have one.
     pub guardian: Option<BusGuardian>,
     /// The satellite receiver; needed when one is wired.
@@ -93,12 +95,22 @@ impl Manifest {
         self.mission.as_ref().filter(|mission| mission.enabled)
     }
 
+    /// Whether nodes with a key have sessions.
+    #[must_use]
+    pub fn has_sessions(&self) -> bool {
+        self.sessions
+            .as_ref()
+            .is_some_and(|sessions| sessions.enabled)
+    }
+
     /// The names of the files, without the ending `dbc`, that have the messages of what is on.
     pub(crate) fn supplements(&self) -> impl Iterator<Item = &str> {
         let rows = self.guidance_by_rows().map(|rows| rows.node.name.as_str());
         let planner = self.leading_planner().map(|planner| planner.name.as_str());
         let mission = self.missions().map(|_| MISSION);
-        rows.into_iter().chain(planner).chain(mission)
+        let sessions = self.has_sessions().then_some(SESSION);
+        let guides = rows.into_iter().chain(planner);
+        guides.chain(mission).chain(sessions)
     }
 
     /// The signal that says what guides the vehicle beside its path, if something else may.
@@ -726,6 +738,8 @@ pub struct RowGuidance {
 
 /// The name of the files with what missions add to the others.
 pub(crate) const MISSION: &str = "mission";
+/// The name of the file with the messages of sessions.
+const SESSION: &str = "session";
 
 /// Missions: plans of any length in the flash of the controller's board, which an autonomous run drives in place of the
 /// line between the waypoints (`control::mission`). Without a mission in the flash it drives the line. While they are
@@ -751,6 +765,19 @@ pub struct Mission {
     /// to 8 it has the signals `State1`, whether it is on when that cycle begins, and `After1`, after how many milliseconds
     /// it changes; 127 if it does not.
     pub sections: String,
+}
+
+/// Sessions of nodes with a key: the nodes that obey commands count their starts in the flash, and commands of a run
+/// are sealed by a key that follows from these starts, so that nobody can play recorded ones to a later run. What they add to
+/// the bus stands in `session.dbc`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sessions {
+    /// Whether they are on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// The signals with the numbers of starts, each of a node that obeys commands.
+    pub starts: Vec<SignalPath>,
 }
 
 /// A computer above the control layer that may lead autonomous runs: it sends a curvature and a speed in each basic

@@ -42,18 +42,21 @@
 //! that of the last true command. So who plays back references and commands of an hour ago moves
 //! nothing.
 //!
-//! What this does not stop: references and commands of another run, at a later time than this one
-//! has reached, in place of a time master. Nor are the measurements authenticated by which the
-//! controller steers. An event-triggered bus has no system time: there a node with a key obeys no
+//! The time begins anew with each run, so recorded commands of another run would pass in a basic cycle of the same
+//! time. A [`Session`] stops that: its key follows from the network's and from the starts of those who obey.
+//!
+//! The measurements by which the controller steers are not authenticated. An event-triggered bus has no system time: there a node with a key obeys no
 //! command.
 
 mod check;
 mod secret;
+mod session;
 mod tag;
 mod time;
 
 pub use check::check_value;
 pub use secret::{Key, RECORD, Secret};
+pub use session::Session;
 pub use tag::{mask, tag};
 pub use time::{Answer, Open, Proof, TimeProof, time_of};
 
@@ -78,12 +81,30 @@ const SUSPICION_LIMIT: u8 = 8;
 pub struct Sender {
     counter: u8,
     secret: Secret,
+    /// There is no session yet.
+    waits: bool,
 }
 
 impl Sender {
     /// A sender that has sent nothing.
     pub const fn new(secret: Secret) -> Self {
-        Self { counter: 0, secret }
+        Self {
+            counter: 0,
+            secret,
+            waits: false,
+        }
+    }
+
+    /// From now on frames are sealed by this secret, that of another session; without one they cannot be sealed.
+    pub fn set_secret(&mut self, secret: Option<Secret>) {
+        self.waits = secret.is_none();
+        self.secret = secret.unwrap_or(self.secret);
+    }
+
+    /// Whether a frame can be sealed. If not it must not be sent: it would raise the suspicion of those who know
+    /// their session.
+    pub const fn can_seal(&self) -> bool {
+        !self.waits
     }
 
     /// Seals the data of one frame, for the basic cycle that began at system time `time`, ms, or 0 on
@@ -125,12 +146,16 @@ pub enum Refusal {
     NoTime,
     /// The receiver's own key is damaged.
     KeyDamaged,
+    /// Not all nodes of the session have told their starts, so nobody can judge the frame.
+    NoSession,
 }
 
 /// Receiver's side.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Receiver {
     secret: Secret,
+    /// There is no session yet.
+    waits: bool,
     /// The last counter.
     last: Option<u8>,
     /// System time of the last true frame.
@@ -143,6 +168,7 @@ impl Receiver {
     pub const fn new(secret: Secret) -> Self {
         Self {
             secret,
+            waits: false,
             last: None,
             last_time: None,
             suspicion: 0,
@@ -157,6 +183,9 @@ impl Receiver {
     /// that the next frame must continue. So a replayed frame disturbs the true sequence only
     /// until the next true frame.
     pub fn judge<M: Message>(&mut self, time: u32, data: &[u8; 8]) -> Result<(), Refusal> {
+        if self.waits {
+            return Err(Refusal::NoSession);
+        }
         match &self.secret {
             Secret::None => self.check(M::ID, time, data),
             Secret::Key(key) => {
@@ -167,6 +196,13 @@ impl Receiver {
             }
             Secret::Damaged => Err(Refusal::KeyDamaged),
         }
+    }
+
+    /// From now on frames are judged by this secret, that of another session, or none is obeyed until there is one.
+    /// The time of the last true frame and the suspicion stay.
+    pub fn set_secret(&mut self, secret: Option<Secret>) {
+        self.waits = secret.is_none();
+        self.secret = secret.unwrap_or(self.secret);
     }
 
     /// Judges a frame by its check value and its counter.

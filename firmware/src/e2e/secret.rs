@@ -20,6 +20,8 @@ const MAGIC: u32 = u32::from_le_bytes(*b"FKEY");
 const NAME: u64 = u64::from_le_bytes(*b"key name");
 /// No message has this identifier, so no tag is the number.
 const NO_ID: u16 = u16::MAX;
+/// Nor these, for the halves of a session's key.
+const HALVES: [u16; 2] = [0xFFFD, 0xFFFC];
 
 /// The secret of a network, 128 bits. Its text shows only its [number](Key::number).
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -50,6 +52,12 @@ impl Key {
         let text = u128::from(data) | u128::from(time) << 64 | u128::from(id) << 96;
         let [text @ .., _, _] = text.to_le_bytes();
         SipHasher24::new_with_keys(self.low, self.high).hash(&text)
+    }
+
+    /// The key that follows from this one and a node's start; see [`super::Session`].
+    pub(super) fn of_start(&self, place: u32, start: u32) -> Self {
+        let [low, high] = HALVES.map(|half| self.code(u64::from(start), place, half));
+        Self { low, high }
     }
 
     /// The record of the key.

@@ -127,9 +127,9 @@ struct Sealed<T> {
 }
 
 impl<T> Sealed<T> {
-    const fn new(secret: Secret) -> Self {
+    const fn new() -> Self {
         Self {
-            protection: e2e::Receiver::new(secret),
+            protection: e2e::Receiver::new(Secret::None),
             time: 0,
             last: None,
         }

@@ -33,9 +33,10 @@ impl ByPlanner {
         self.refused = self.refused.wrapping_add(refused.into());
     }
 
-    /// The secret of the node, by which it knows true frames. [`Secret::None`] at first.
-    pub fn set_secret(&mut self, secret: Secret) {
-        self.demands = Sealed::new(secret);
+    /// The secret of the session, by which it knows true frames; without one none is true. [`Secret::None`] at
+    /// first.
+    pub fn set_secret(&mut self, secret: Option<Secret>) {
+        self.demands.protection.set_secret(secret);
     }
 
     /// The law, for messages.
@@ -57,7 +58,7 @@ impl Guidance for ByPlanner {
     fn new(settings: &DemandSettings<f32>, controller: &Settings<f32>) -> Result<Self, GuideError> {
         Ok(Self {
             law: DemandLaw::new(*settings, *controller).map_err(GuideError::Planner)?,
-            demands: Sealed::new(Secret::None),
+            demands: Sealed::new(),
             refused: 0,
         })
     }

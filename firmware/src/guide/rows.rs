@@ -30,9 +30,10 @@ impl ByRows {
         self.sightings.see::<M>(data, time, read);
     }
 
-    /// The secret of the node, by which it knows true frames. [`Secret::None`] at first.
-    pub fn set_secret(&mut self, secret: Secret) {
-        self.sightings = Sealed::new(secret);
+    /// The secret of the session, by which it knows true frames; without one none is true. [`Secret::None`] at
+    /// first.
+    pub fn set_secret(&mut self, secret: Option<Secret>) {
+        self.sightings.protection.set_secret(secret);
     }
 
     /// The takeover, for messages.
@@ -52,7 +53,7 @@ impl Guidance for ByRows {
     ) -> Result<Self, GuideError> {
         Ok(Self {
             takeover: Takeover::new(*settings, *controller).map_err(GuideError::Rows)?,
-            sightings: Sealed::new(Secret::None),
+            sightings: Sealed::new(),
         })
     }
 

@@ -1,12 +1,13 @@
-"""Writes tags computed by the package siphash24 of PyPI: tags.txt and references.txt in
-firmware/tests/data.
+"""Writes tags computed by the package siphash24 of PyPI: tags.txt, references.txt and sessions.txt
+in firmware/tests/data.
 
     pip install siphash24
     python3 vectors.py
 
 A line of tags.txt is: key, identifier, system time, data, bits of the tag, tag. One of references.txt
-is: key, identifier, data, the byte from which the next reference takes its tag. Key and data are bytes
-in their order; the others are numbers.
+is: key, identifier, data, the byte from which the next reference takes its tag. One of sessions.txt is: key of
+the network, numbers of the starts in the order of their places, key of the session. Keys and data are bytes in
+their order; the others are numbers.
 """
 
 import pathlib
@@ -46,3 +47,17 @@ for index in range(100):
     text += REFERENCE.to_bytes(2, "little")
     lines.append(f"{key.hex()} {identifier} {data.hex()} {code(text, key) & 0xFF}\n")
 (DATA / "references.txt").write_text("".join(lines))
+
+# Both halves of the next key, each under a number that is no identifier.
+HALVES = [0xFFFD, 0xFFFC]
+lines = []
+for index in range(100):
+    network = random.randbytes(16)
+    starts = [random.choice([1, 2**32 - 1, random.randrange(1, 2**32)]) for _ in range(2)]
+    key = network
+    for place, start in enumerate(starts):
+        text = start.to_bytes(8, "little") + place.to_bytes(4, "little")
+        halves = [code(text + half.to_bytes(2, "little"), key) for half in HALVES]
+        key = b"".join(half.to_bytes(8, "little") for half in halves)
+    lines.append(f"{network.hex()} {starts[0]} {starts[1]} {key.hex()}\n")
+(DATA / "sessions.txt").write_text("".join(lines))

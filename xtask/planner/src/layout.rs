@@ -18,6 +18,8 @@ pub(crate) struct Layout {
     speed: Signal,
     mask: u64,
     report: Option<Message>,
+    /// The messages with the starts of a session, and their numbers, in the order of their places.
+    starts: Vec<(Message, Signal)>,
     lead: String,
     network: Network,
 }
@@ -45,6 +47,7 @@ impl Layout {
             speed: signal("Speed")?,
             mask: mask(command),
             command: command.clone(),
+            starts: starts(vehicle),
             report: find(&planner.lead.message).cloned(),
             lead: planner.lead.signal.clone(),
             network: network.clone(),
@@ -58,6 +61,15 @@ impl Layout {
     /// The bits that carry a tag, D0 least significant.
     pub(crate) fn mask(&self) -> u64 {
         self.mask
+    }
+
+    /// The place of a node in the session, and the number of its start.
+    pub(crate) fn start(&self, id: u16, data: &[u8]) -> Option<(usize, u32)> {
+        let mut starts = self.starts.iter().enumerate();
+        let (place, (message, number)) = starts.find(|(_, (one, _))| one.id == id)?;
+        let whole = data.len() >= usize::from(message.length);
+        let number = u32::try_from(number.extract(data)).ok()?;
+        whole.then_some((place, number))
     }
 
     /// The system time (ms) of a reference message, and when a command may be sent in the basic cycle that it
@@ -132,6 +144,19 @@ impl Layout {
         let value = named.find(|value| i128::from(value.raw) == raw)?;
         Some(&value.name)
     }
+}
+
+/// Where the nodes of a session tell their starts.
+fn starts(vehicle: &Vehicle) -> Vec<(Message, Signal)> {
+    let sessions = vehicle.manifest().sessions.as_ref();
+    let sessions = sessions.filter(|sessions| sessions.enabled);
+    let paths = sessions.into_iter().flat_map(|sessions| &sessions.starts);
+    let all = paths.filter_map(|path| {
+        let mut messages = vehicle.network().messages.iter();
+        let message = messages.find(|one| one.name == path.message)?;
+        Some((message.clone(), signal(message, &path.signal)?.clone()))
+    });
+    all.collect()
 }
 
 fn signal<'m>(message: &'m Message, name: &str) -> Option<&'m Signal> {

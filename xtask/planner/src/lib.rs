@@ -39,7 +39,7 @@ use std::time::Duration;
 pub use control::demand::Demand;
 use embedded_can::{Frame, Id, StandardId};
 pub use firmware::e2e::Key;
-use firmware::e2e::{CHECK, COUNTER, check_value, tag};
+use firmware::e2e::{CHECK, COUNTER, Secret, Session, check_value, tag};
 use layout::Layout;
 pub use vehicle_model::Vehicle;
 use vehicle_model::{Overrides, VehicleError};
@@ -119,11 +119,16 @@ pub enum Heard {
     Nothing,
 }
 
+/// Nodes whose starts make a session.
+const STARTS: usize = 2;
+
 /// The planner's side of the protocol.
 #[derive(Clone, Debug)]
 pub struct Planner {
     layout: Layout,
+    /// By which commands are sealed; the session's, if the vehicle has sessions.
     key: Option<Key>,
+    session: Option<Session<STARTS>>,
     counter: u8,
     /// System time of the basic cycle, ms, until a command is made for it.
     time: Option<u32>,
@@ -137,6 +142,9 @@ impl Planner {
     pub fn of(vehicle: &Vehicle, key: Option<Key>) -> Result<Self, Error> {
         Ok(Self {
             layout: Layout::of(vehicle)?,
+            session: key
+                .filter(|_| vehicle.manifest().has_sessions())
+                .map(|key| Session::new(Secret::Key(key))),
             key,
             counter: 0,
             time: None,
@@ -151,6 +159,12 @@ impl Planner {
         if frame.is_remote_frame() {
             return Heard::Nothing;
         }
+        if let Some((place, start)) = self.layout.start(id.as_raw(), frame.data()) {
+            if let Some(session) = &mut self.session {
+                session.hear(place, start);
+            }
+            return Heard::Nothing;
+        }
         if let Some((time, slot)) = self.layout.begin(id.as_raw(), frame.data()) {
             self.time = slot.is_some().then_some(time);
             return slot.map_or(Heard::Nothing, Heard::Begin);
@@ -160,15 +174,23 @@ impl Planner {
     }
 
     /// The command for this basic cycle: one in each. `None` before the first reference message, for a second
-    /// command in a cycle, and for values that are not finite.
+    /// command in a cycle, for values that are not finite, and with a key before all nodes of the session have told
+    /// their starts.
     pub fn command<F: Frame>(&mut self, demand: Demand<f64>) -> Option<F> {
         if !(demand.curvature.is_finite() && demand.speed.is_finite()) {
             return None;
         }
         let time = self.time.take()?;
         let id = self.layout.command_id();
+        let key = match &self.session {
+            None => self.key,
+            Some(session) => match session.secret()? {
+                Secret::Key(key) => Some(key),
+                Secret::None | Secret::Damaged => None,
+            },
+        };
         let mut data = self.layout.command(demand);
-        match &self.key {
+        match &key {
             None => {
                 data[COUNTER] = self.counter;
                 data[CHECK] = check_value(id, time, &data);

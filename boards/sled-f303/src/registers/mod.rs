@@ -10,6 +10,7 @@
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too; the motor's port must send without any state when the program ends. |
 //! | [`scan`] | `adc::Adc` converts one channel at a time and waits for it; it has neither an external trigger nor DMA. |
 //! | [`burst`] | The same, and it does not convert without a pause. |
+//! | [`flash`] | The HAL writes no flash: it only lends its registers. |
 //! | [`ratio`] | The HAL has no capture of a clock of the part. |
 //! | [`reference`] | `adc::Adc` calibrates with waits that have no bound. |
 //! | [`dma`] | Every setter of an address or a length asserts that the HAL's channel is disabled, which leaves panics in the image; the HAL reads the status register once for each flag. |
@@ -22,6 +23,7 @@ pub(crate) mod burst;
 pub mod clocks;
 pub(crate) mod crc;
 pub(crate) mod dma;
+pub mod flash;
 pub(crate) mod gate;
 pub(crate) mod pulse;
 pub(crate) mod ratio;

@@ -58,6 +58,7 @@ mod app {
     use uagv::messages::{MissionAnswer, MissionEvent};
     // RTIC names the type of a resource even where it is switched off.
     use uagv::mission;
+    use uagv::session::{self, Session};
     use uagv::wire::{self, Record};
     use uagv::{Link, Pilot, Stack, guide, identity, peers};
 
@@ -73,6 +74,8 @@ mod app {
         trouble: Option<Trouble>,
         /// What the operator sees of the mission.
         shown: mission::Shown,
+        /// A session in which `control` does not seal yet.
+        session: session::News,
     }
 
     #[shared]
@@ -103,6 +106,7 @@ mod app {
         screen: Text<{ display::CAPACITY }>,
         keeper: Keeper,
         log: Log,
+        session: Session,
         #[cfg(mission)]
         mission: mission::Plan,
         #[cfg(mission)]
@@ -132,7 +136,8 @@ mod app {
         let (Some(operator), Ok(mut pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
-        guide::set_secret(&mut pilot, start.secret);
+        let session = Session::of_sender(start.secret);
+        guide::set_secret(&mut pilot, session.secret());
         #[cfg(mission)]
         let Ok(mission) = mission::plan(&mut pilot, sled.mission, cx.local.words, &start.secret)
         else {
@@ -151,6 +156,7 @@ mod app {
                     change: None,
                     trouble: None,
                     shown: mission::Shown::default(),
+                    session: Some(session.secret()),
                 },
                 lcd: operator.lcd,
                 refresh_due: false,
@@ -177,6 +183,7 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                session,
                 #[cfg(mission)]
                 mission,
                 #[cfg(mission)]
@@ -243,9 +250,12 @@ mod app {
             if change.is_some() {
                 driving.change = change;
             }
-            wire::command(&decision, cx.local.sender, time)
+            let sender = cx.local.sender;
+            session::change(sender, &mut driving.session);
+            let command = wire::command(&decision, sender, time);
+            session::can_seal(sender).then_some(command)
         });
-        link.lock(|link| link.put(window::COMMAND, command));
+        link.lock(|link| link.replace(window::COMMAND, command));
         rtic::pend(Interrupt::EXTI4);
     }
 
@@ -370,19 +380,23 @@ mod app {
         due.lock(|due| *due = !sent);
     }
 
-    #[task(priority = 2, shared = [link, driving, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, driving, test], local = [keeper, session])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.session);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        session: &mut Session,
+    ) {
         // Sections of their own, because each blocks the interrupts of the bus.
         shared.link.lock(|link| {
             link.keep();
@@ -390,6 +404,13 @@ mod app {
                 link.start();
             }
         });
+        if shared.link.lock(|link| session.step(link)) {
+            let secret = session.secret();
+            shared.driving.lock(|driving| {
+                guide::set_secret(&mut driving.pilot, secret);
+                driving.session = Some(secret);
+            });
+        }
         let bus = shared.link.lock(|link| BusView::of(link));
         let trouble = Trouble::among(&shared.link.lock(|link| peers::of(link)));
         let (steps, idle, is_news) = shared.driving.lock(|driving| {

@@ -36,6 +36,7 @@ mod app {
     use uagv::design::COMMAND_TIMEOUT;
     use uagv::matrix::{DRIVE, window};
     use uagv::messages::DriveStatus;
+    use uagv::session::{Actuator, Session};
     use uagv::{Driving, Link, Stack, identity, wire};
 
     #[shared]
@@ -53,12 +54,13 @@ mod app {
     struct Local {
         keeper: Keeper,
         log: Log,
+        session: Session,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let sled = uagv::start(cx.device);
+        let mut sled = uagv::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -75,16 +77,19 @@ mod app {
         ) else {
             fault::stop(Fault::Start)
         };
+        let session = Session::of(Actuator::Drive, start.secret, &mut sled.starts);
+        let mut driving = Driving::new(
+            Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+            start.secret,
+        );
+        driving.supervised.set_secret(session.secret());
         link.start();
         let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
                 link,
-                driving: Driving::new(
-                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
-                    start.secret,
-                ),
+                driving,
                 output: sled.motor,
                 console: sled.console,
                 test: None,
@@ -99,6 +104,7 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                session,
             },
         )
     }
@@ -164,21 +170,31 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, driving, output, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, driving, output, test], local = [keeper, session])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.session);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        session: &mut Session,
+    ) {
         // Two sections, because each blocks the interrupts of the bus.
         shared.link.lock(|link| link.keep());
+        if shared.link.lock(|link| session.step(link)) {
+            let secret = session.secret();
+            shared
+                .driving
+                .lock(|driving| driving.supervised.set_secret(secret));
+        }
         let bus = shared.link.lock(|link| BusView::of(link));
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);

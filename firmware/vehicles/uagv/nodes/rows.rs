@@ -43,6 +43,7 @@ mod app {
     use uagv::matrix::{ROWS, window};
     use uagv::messages::RowsStatus;
     use uagv::rows::{motion, offset as message};
+    use uagv::session::{self, Session};
     use uagv::{Link, Stack, identity};
 
     /// Time between two bursts, s.
@@ -59,6 +60,8 @@ mod app {
         watcher: &'static mut Watcher,
         /// Bursts that gave no distances; wraps.
         failed: u16,
+        /// A session in which `offset` does not seal yet.
+        news: session::News,
     }
 
     #[local]
@@ -66,6 +69,7 @@ mod app {
         sender: e2e::Sender,
         keeper: Keeper,
         log: Log,
+        session: Session,
     }
 
     #[init(local = [stack: Option<Stack> = None, place: Option<Watcher> = None])]
@@ -92,6 +96,7 @@ mod app {
             fault::stop(Fault::Start)
         };
         let watcher = cx.local.place.insert(Watcher::new(ROW_WATCH, WHEELBASE));
+        let session = Session::of_sender(start.secret);
         link.start();
         let _ = housekeeping::spawn();
         (
@@ -103,6 +108,7 @@ mod app {
                 distances,
                 watcher,
                 failed: 0,
+                news: Some(session.secret()),
             },
             Local {
                 sender: e2e::Sender::new(start.secret),
@@ -115,6 +121,7 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                session,
             },
         )
     }
@@ -155,13 +162,17 @@ mod app {
     }
 
     /// Deadline: the beginning of the message's window.
-    #[task(binds = EXTI1, priority = 5, shared = [link, watcher], local = [sender])]
+    #[task(binds = EXTI1, priority = 5, shared = [link, watcher, news], local = [sender])]
     fn offset(cx: offset::Context) {
         let (mut link, mut watcher) = (cx.shared.link, cx.shared.watcher);
         let sighting = watcher.lock(|watcher| watcher.report());
         let time = link.lock(|link| link.cycle_began());
-        let data = message(&sighting, cx.local.sender, time);
-        link.lock(|link| link.put(window::ROW_OFFSET, data));
+        let sender = cx.local.sender;
+        let mut news = cx.shared.news;
+        news.lock(|news| session::change(sender, news));
+        let data = message(&sighting, sender, time);
+        let data = session::can_seal(sender).then_some(data);
+        link.lock(|link| link.replace(window::ROW_OFFSET, data));
     }
 
     #[task(binds = DMA1_CH1, priority = 5, shared = [link, distances, watcher, failed])]
@@ -191,21 +202,29 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, test, distances, failed], local = [keeper])]
+    #[task(priority = 2, shared = [link, test, distances, failed, news], local = [keeper, session])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.session);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        session: &mut Session,
+    ) {
         // Two sections, because each blocks the interrupts of the bus.
         shared.link.lock(|link| link.keep());
+        if shared.link.lock(|link| session.step(link)) {
+            let secret = session.secret();
+            shared.news.lock(|news| *news = Some(secret));
+        }
         let bus = shared.link.lock(|link| BusView::of(link));
         // A burst that does not end is given up.
         if shared.distances.lock(Distances::watch).is_err() {

@@ -40,6 +40,7 @@ mod app {
     use uagv::design::COMMAND_TIMEOUT;
     use uagv::matrix::{STEERING, window};
     use uagv::messages::{AdcCount, SteeringPot, SteeringStatus};
+    use uagv::session::{Actuator, Session};
     use uagv::{Link, Stack, Steering, identity};
 
     #[shared]
@@ -58,12 +59,13 @@ mod app {
         pot: Pot,
         keeper: Keeper,
         log: Log,
+        session: Session,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let sled = uagv::start(cx.device);
+        let mut sled = uagv::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -83,16 +85,19 @@ mod app {
         let Some(pot) = sled.rest.pot() else {
             fault::stop(Fault::Start)
         };
+        let session = Session::of(Actuator::Steering, start.secret, &mut sled.starts);
+        let mut steering = Steering::new(
+            Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+            start.secret,
+        );
+        steering.supervised.set_secret(session.secret());
         link.start();
         let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
                 link,
-                steering: Steering::new(
-                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
-                    start.secret,
-                ),
+                steering,
                 output: sled.motor,
                 console: sled.console,
                 test: None,
@@ -108,6 +113,7 @@ mod app {
                     &sled.findings,
                 ),
                 log: Log::new(&start),
+                session,
             },
         )
     }
@@ -194,22 +200,32 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, steering, output, test], local = [keeper])]
+    #[task(priority = 2, shared = [&clock, link, steering, output, test], local = [keeper, session])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.session);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        session: &mut Session,
+    ) {
         let clock = shared.clock;
         // Two sections, because each blocks the interrupts of the bus.
         shared.link.lock(|link| link.keep());
+        if shared.link.lock(|link| session.step(link)) {
+            let secret = session.secret();
+            shared
+                .steering
+                .lock(|steering| steering.supervised.set_secret(secret));
+        }
         let bus = shared.link.lock(|link| BusView::of(link));
         // The potentiometer's task counts as making progress while its samples are fresh.
         let fresh = shared

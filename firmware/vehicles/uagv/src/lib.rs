@@ -42,6 +42,11 @@ pub mod peers;
 pub mod planner;
 #[cfg(row_guidance)]
 pub mod rows;
+#[cfg(sessions)]
+pub mod session;
+#[cfg(not(sessions))]
+#[path = "no_session.rs"]
+pub mod session;
 pub mod wire;
 
 #[cfg(planner)]

@@ -13,7 +13,7 @@ pub const fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: us
 }
 
 /// Nothing to believe.
-pub const fn set_secret(_: &mut Pilot, _: Secret) {}
+pub const fn set_secret(_: &mut Pilot, _: Option<Secret>) {}
 
 /// Nothing to see.
 pub const fn see(_: &mut Pilot, (): (), _: u32) {}

@@ -86,8 +86,8 @@ pub fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     link.take(window::ROW_OFFSET)
 }
 
-/// Gives the pilot the secret of the node, by which it knows true frames.
-pub fn set_secret(pilot: &mut Pilot, secret: Secret) {
+/// Gives the pilot the secret of the session, by which it knows true frames.
+pub fn set_secret(pilot: &mut Pilot, secret: Option<Secret>) {
     pilot.guide_mut().set_secret(secret);
 }
 

@@ -227,7 +227,7 @@ impl Peripherals {
             watchdog_at: NEVER,
             rcc: rcc::Rcc::new(part, oscillators.hse_hz),
             flash: system::Flash::new(part.family),
-            programming: programming::Programming::new(Sled::carrying(part), &flash_image),
+            programming: programming::Programming::new(part, &flash_image),
             pwr: system::Pwr::new(part),
             exti: exti::Exti::default(),
             debug_control: [0; 3],
@@ -330,7 +330,7 @@ impl Peripherals {
 
     /// Writes a register of the flash.
     fn write_flash(&mut self, address: u32, offset: u32, value: u32) {
-        if offset == 0 || self.part.family == Family::F3 {
+        if offset == 0 {
             self.flash.write(offset, value);
             self.generation += 1;
             self.check_clocks();
@@ -339,7 +339,7 @@ impl Peripherals {
         let (now, clock) = (self.now, self.clock);
         let done = self.programming.write(offset, value, now, &clock);
         if let Err(what) = done {
-            self.violate(address, what.to_owned(), "RM0390 3.5");
+            self.violate(address, what.to_owned(), "RM0390 3.5, RM0316 4.2");
         }
         self.stall();
     }
@@ -1045,9 +1045,7 @@ impl Peripherals {
         let now = self.now;
         let value = match slot.block {
             Block::Rcc => self.rcc.read(offset, now),
-            Block::Flash if offset != 0 && self.part.family == Family::F4 => {
-                self.programming.read(offset)
-            }
+            Block::Flash if offset != 0 => self.programming.read(offset),
             Block::Flash => self.flash.read(offset),
             Block::Pwr => self.pwr.read(offset, now),
             Block::Syscfg => self.exti.read_ports(offset),

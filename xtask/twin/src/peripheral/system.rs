@@ -3,8 +3,8 @@
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Family, Part};
 
-/// The flash interface (RM0390 3.8, RM0316 4.5): access control. The other registers of the F446 are those of
-/// [`super::programming`]; programming and erasing the F303 is not modelled, and its control registers stay locked.
+/// The flash interface (RM0390 3.8, RM0316 4.5): access control. The other registers are those of
+/// [`super::programming`].
 #[derive(Clone, Debug)]
 pub(crate) struct Flash {
     family: Family,
@@ -23,14 +23,7 @@ impl Flash {
     }
 
     pub(crate) fn read(&self, offset: u32) -> Option<u32> {
-        match (self.family, offset) {
-            (_, 0x00) => Some(self.acr),
-            // KEYR, OPTKEYR, SR.
-            (_, 0x04..=0x0C) => Some(0),
-            (Family::F3, 0x10) => Some(0x80),
-            (Family::F3, 0x14..=0x20) => Some(0),
-            _ => None,
-        }
+        (offset == 0).then_some(self.acr)
     }
 
     pub(crate) fn write(&mut self, offset: u32, value: u32) {

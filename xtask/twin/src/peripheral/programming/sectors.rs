@@ -1,14 +1,8 @@
-//! Erasing and programming the flash of the F446 (RM0390 3.5 and 3.8), as far as missions need it.
-//!
-//! Only the place for missions can be changed, because the rest is decoded once and holds the program. While an
-//! operation is running the core waits for its next read of the flash, where its program is: the model lets it wait
-//! from the store that begins the operation. Operations take the longest time of the data sheet. One that a reset
-//! or a loss of power ends leaves chance behind (RM0390 3.5.3).
+//! The sectors of the F446 (RM0390 3.5 and 3.8), as far as missions need them.
 
-use crate::clock::{Cycles, LocalClock, NEVER, Ps};
+use super::changing::{Changing, Gate};
+use crate::clock::{Cycles, LocalClock, Ps};
 use parts::Sled;
-
-const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
 /// Bits of FLASH_CR.
 const PG: u32 = 1;
@@ -46,122 +40,58 @@ const FIRST: u32 = 5;
 /// Bytes that one operation may not leave (RM0390 3.5.4).
 const ROW: u32 = 16;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Gate {
-    Locked,
-    /// The first key was written.
-    Half,
-    Open,
-    /// A wrong key was written: nothing but a reset helps.
-    Barred,
-}
-
-/// What the bytes from `at` on become at the end.
-#[derive(Clone, Debug)]
-struct Running {
-    until: Cycles,
-    at: usize,
-    bytes: Vec<u8>,
-}
-
 /// The control registers and the contents that can be changed.
 #[derive(Clone, Debug)]
-pub(crate) struct Programming {
+pub(crate) struct Sectors {
     gate: Gate,
     cr: u32,
     sr: u32,
-    /// Offset of the first byte in the flash.
-    begin: u32,
-    contents: Vec<u8>,
-    running: Option<Running>,
-    chance: u32,
+    pub(super) changing: Changing,
 }
 
-impl Programming {
+impl Sectors {
     /// With these contents of the whole flash. `sled` says which part can be changed; without one, none.
-    pub(crate) fn new(sled: Option<&Sled>, flash: &[u8]) -> Self {
-        let place = sled.and_then(|sled| Some((sled.mission.as_ref()?, sled.part.flash.base)));
-        let (begin, contents) = match place {
-            Some((place, base)) => {
-                let begin = place.base - base;
-                let range = begin as usize..(begin + place.size) as usize;
-                (begin, flash.get(range).unwrap_or_default().to_vec())
-            }
-            None => (0, Vec::new()),
-        };
+    pub(super) fn new(sled: Option<&Sled>, flash: &[u8]) -> Self {
+        let base = sled.map_or(0, |sled| sled.part.flash.base);
+        let place = sled.and_then(|sled| sled.mission.as_ref());
         Self {
             gate: Gate::Locked,
             cr: LOCK,
             sr: 0,
-            begin,
-            contents,
-            running: None,
-            chance: 0x2545_F491,
+            changing: Changing::new(place, base, flash),
         }
     }
 
     /// Resets the registers. What is running ends where it is.
-    pub(crate) fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         self.gate = Gate::Locked;
         self.cr = LOCK;
         self.sr = 0;
-        self.running = None;
-    }
-
-    /// Offset and number of the bytes that can be changed.
-    pub(crate) fn range(&self) -> (u32, usize) {
-        (self.begin, self.contents.len())
-    }
-
-    /// Bytes that can be changed, from this offset in the flash on; `None` if not all of them can.
-    pub(crate) fn bytes(&self, offset: u32, size: usize) -> Option<&[u8]> {
-        let at = offset.checked_sub(self.begin)? as usize;
-        self.contents.get(at..at.checked_add(size)?)
-    }
-
-    /// The end of what is running.
-    pub(crate) fn next_event(&self) -> Cycles {
-        self.running.as_ref().map_or(NEVER, |running| running.until)
+        self.changing.stop();
     }
 
     /// Ends what is over.
-    pub(crate) fn advance(&mut self, now: Cycles) {
-        let Some(running) = self.running.take_if(|running| running.until <= now) else {
-            return;
-        };
-        let end = running.at + running.bytes.len();
-        if let Some(target) = self.contents.get_mut(running.at..end) {
-            target.copy_from_slice(&running.bytes);
-        }
-        self.cr &= !STRT;
-        if self.cr & EOPIE != 0 {
-            self.sr |= EOP;
-        }
-    }
-
-    fn random(&mut self) -> u32 {
-        self.chance ^= self.chance << 13;
-        self.chance ^= self.chance >> 17;
-        self.chance ^= self.chance << 5;
-        self.chance
-    }
-
-    /// Begins an operation, which makes these bytes of what is there. Until it ends, some of their bits have changed.
-    fn begin(&mut self, at: usize, bytes: Vec<u8>, until: Cycles) {
-        for (offset, byte) in bytes.iter().enumerate() {
-            let chance = self.random() as u8;
-            if let Some(old) = self.contents.get_mut(at + offset) {
-                *old ^= (*old ^ byte) & chance;
+    pub(super) fn advance(&mut self, now: Cycles) {
+        if self.changing.advance(now) {
+            self.cr &= !STRT;
+            if self.cr & EOPIE != 0 {
+                self.sr |= EOP;
             }
         }
-        self.running = Some(Running { until, at, bytes });
     }
 
-    pub(crate) fn read(&self, offset: u32) -> Option<u32> {
+    pub(super) fn read(&self, offset: u32) -> Option<u32> {
         match offset {
             // KEYR and OPTKEYR.
             0x04 | 0x08 => Some(0),
-            0x0C => Some(self.sr | if self.running.is_some() { BSY } else { 0 }),
+            0x0C => Some(
+                self.sr
+                    | if self.changing.end().is_some() {
+                        BSY
+                    } else {
+                        0
+                    },
+            ),
             0x10 => Some(self.cr),
             0x14 => Some(0x0FFF_AAED),
             _ => None,
@@ -172,7 +102,7 @@ impl Programming {
     ///
     /// # Errors
     /// What the model does not have.
-    pub(crate) fn write(
+    pub(super) fn write(
         &mut self,
         offset: u32,
         value: u32,
@@ -181,12 +111,7 @@ impl Programming {
     ) -> Result<(), &'static str> {
         match offset {
             0x04 => {
-                self.gate = match (self.gate, value) {
-                    (Gate::Locked, key) if key == KEYS[0] => Gate::Half,
-                    (Gate::Half, key) if key == KEYS[1] => Gate::Open,
-                    (Gate::Open, _) => Gate::Open,
-                    _ => Gate::Barred,
-                };
+                self.gate = self.gate.turn(value);
                 if self.gate == Gate::Open {
                     self.cr &= !LOCK;
                 }
@@ -221,19 +146,19 @@ impl Programming {
         }
         let sector = self.cr >> 3 & 0xF;
         let offset = sector.checked_sub(FIRST).map(|above| (above + 1) * SECTOR);
-        let Some(at) = offset.filter(|offset| self.bytes(*offset, SECTOR as usize).is_some())
+        let Some(at) =
+            offset.filter(|offset| self.changing.bytes(*offset, SECTOR as usize).is_some())
         else {
             return Err("a sector is erased that is not for missions");
         };
         let size = self.cr >> 8 & 3;
         let until = now + clock.cycles_of(ERASE[size as usize]);
-        let at = (at - self.begin) as usize;
-        self.begin(at, vec![0xFF; SECTOR as usize], until);
+        self.changing.begin(at, vec![0xFF; SECTOR as usize], until);
         Ok(())
     }
 
     /// The program stores bytes at this offset of the flash.
-    pub(crate) fn store(&mut self, offset: u32, bytes: &[u8], now: Cycles, clock: &LocalClock) {
+    pub(super) fn store(&mut self, offset: u32, bytes: &[u8], now: Cycles, clock: &LocalClock) {
         let size = 1 << (self.cr >> 8 & 3);
         if self.gate != Gate::Open || self.cr & (PG | SER | MER) != PG {
             self.sr |= PGSERR;
@@ -241,11 +166,11 @@ impl Programming {
             self.sr |= PGPERR;
         } else if offset / ROW != (offset + bytes.len() as u32 - 1) / ROW {
             self.sr |= PGAERR;
-        } else if let Some(old) = self.bytes(offset, bytes.len()) {
+        } else if let Some(old) = self.changing.bytes(offset, bytes.len()) {
             // Programming makes ones to zeros.
             let new = old.iter().zip(bytes).map(|(old, new)| old & new).collect();
-            let at = (offset - self.begin) as usize;
-            self.begin(at, new, now + clock.cycles_of(PROGRAM));
+            let until = now + clock.cycles_of(PROGRAM);
+            self.changing.begin(offset, new, until);
         } else {
             self.sr |= WRPERR;
         }
@@ -254,6 +179,7 @@ impl Programming {
 
 #[cfg(test)]
 mod tests {
+    use super::super::changing::KEYS;
     use super::*;
     use crate::part::Part;
 
@@ -262,17 +188,13 @@ mod tests {
     /// The first word of missions.
     const HERE: u32 = 0x2_0000;
 
-    struct Chip(Programming, LocalClock, Cycles);
+    struct Chip(Sectors, LocalClock, Cycles);
 
     impl Chip {
         fn new() -> Self {
             let flash = vec![0x5A; Part::F446.flash.size as usize];
             let clock = LocalClock::new(180_000_000, 0, 0);
-            Self(
-                Programming::new(Sled::carrying(Part::F446), &flash),
-                clock,
-                0,
-            )
+            Self(Sectors::new(Sled::carrying(Part::F446), &flash), clock, 0)
         }
 
         fn open(&mut self) {
@@ -291,7 +213,7 @@ mod tests {
 
         /// Lets the operation end, and says how long it took, us.
         fn end(&mut self) -> u64 {
-            let until = self.0.next_event();
+            let until = self.0.changing.end().unwrap();
             let took = (until - self.2) / 180;
             self.2 = until;
             self.0.advance(until);
@@ -299,7 +221,7 @@ mod tests {
         }
 
         fn word(&self, offset: u32) -> u32 {
-            let bytes = self.0.bytes(offset, 4).unwrap();
+            let bytes = self.0.changing.bytes(offset, 4).unwrap();
             u32::from_le_bytes(bytes.try_into().unwrap())
         }
 
@@ -375,7 +297,7 @@ mod tests {
         chip.open();
         chip.write(CR, SER | 6 << 3 | 2 << 8 | STRT);
         chip.0.reset();
-        assert_eq!((chip.status(), chip.0.next_event()), (0, NEVER));
+        assert_eq!((chip.status(), chip.0.changing.end()), (0, None));
         assert!(!matches!(chip.word(HERE + SECTOR), 0x5A5A_5A5A | u32::MAX));
         assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
     }
