@@ -399,6 +399,13 @@ fn switched_on(
         let on = with_values(workspace, vehicle.name(), &[set])?;
         let node = on.node_of(Device::OperatorSwitches);
         commands.extend(with_node(workspace, &on, node, command, rest)?);
+        // Those that obey commands have sessions, too.
+        if on.manifest().has_sessions() {
+            let other = on.nodes().find(|other| {
+                node.is_some_and(|node| vehicle::board(&on, *other) != vehicle::board(&on, node))
+            });
+            commands.extend(with_node(workspace, &on, other, command, rest)?);
+        }
     }
     Ok(commands)
 }
@@ -425,9 +432,11 @@ fn additions(vehicle: &Vehicle) -> Vec<&'static str> {
     let manifest = vehicle.manifest();
     let planner = manifest.planner.as_ref().map(|planner| planner.enabled);
     let mission = manifest.mission.as_ref().map(|mission| mission.enabled);
+    let sessions = manifest.sessions.as_ref().map(|sessions| sessions.enabled);
     let off = [
         (planner, "planner.enabled=true"),
         (mission, "mission.enabled=true"),
+        (sessions, "sessions.enabled=true"),
     ];
     let off = off.into_iter().filter(|(on, _)| *on == Some(false));
     off.map(|(_, set)| set).collect()
