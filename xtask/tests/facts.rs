@@ -271,10 +271,14 @@ fn map_of_the_memories() {
     let small = board(|board| {
         board.part = small_part;
         board.secret.base = small_part.flash.base + 14 * 1024;
+        board.starts = board.starts.map(|starts| Memory {
+            base: small_part.flash.base + 10 * 1024,
+            ..starts
+        });
     });
     let script = small.linker_script().to_string();
-    // The last sector of the flash holds the key of the network and no program.
-    assert!(script.contains("LENGTH = 14336") && script.contains("LENGTH = 8192"));
+    // The last pages of the flash hold starts and the key of the network, and no program.
+    assert!(script.contains("LENGTH = 10240") && script.contains("LENGTH = 8192"));
     assert_ne!(script, Sled::F303.linker_script().to_string());
     // The image does not fit any more: neither into the board nor into the emulated part.
     assert!(size::measure(path, Sled::F303).is_ok());
