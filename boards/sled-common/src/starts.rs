@@ -10,9 +10,9 @@
 //!
 //! | half-word | contents |
 //! | --- | --- |
-//! | 0 | [`WHOLE`], written last |
+//! | 0 | `0x51A7`, written last |
 //! | 1, 2 | the count, least significant half first |
-//! | 3 | the exclusive or of these two, and [`WHOLE`] |
+//! | 3 | the exclusive or of these two and of `0x51A7` |
 //! | 4.. | marks: erased, or used by a start |
 //!
 //! A number counts only when its mark was read back, so no two starts have the same one. Marks that a loss of power
