@@ -136,7 +136,7 @@ pub struct Picture {
     pub foreign: BTreeMap<String, u64>,
     /// Remote frames, which ask for a message: identifier and number. Who sent them is not known.
     pub remote: BTreeMap<String, u64>,
-    /// Nodes that began to behave in another way, in order of time; the last [`CHANGES`] of them.
+    /// Nodes that began to behave in another way, in order of time: the last 200 of them.
     pub changes: Vec<Change>,
 }
 
