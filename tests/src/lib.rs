@@ -8,7 +8,7 @@ pub use journey::{Journey, scenario};
 
 use std::sync::OnceLock;
 use twin::Images;
-use vehicle_model::Vehicle;
+use vehicle_model::{Overrides, Vehicle};
 
 /// The vehicle that is tested.
 ///
@@ -37,4 +37,22 @@ pub fn images() -> &'static Images {
             .and_then(|images| xtask::build::read(&images));
         images.unwrap_or_else(|failure| panic!("{failure}"))
     })
+}
+
+/// The vehicle that is tested with these values in place of its manifest's, as `mission.enabled=true`, and the release
+/// images of that.
+///
+/// # Panics
+/// When a value is not accepted or an image does not build; the message says why.
+#[must_use]
+pub fn with(set: &str) -> (Vehicle, Images) {
+    let build = || {
+        let workspace = xtask::Workspace::find()?;
+        let set = Overrides::parse(set).expect("values of the manifest");
+        let vehicle = xtask::vehicle::with(&workspace, "uagv", &set)?;
+        let nodes: Vec<_> = vehicle.nodes().collect();
+        let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
+        Ok((vehicle, xtask::build::read(&images)?))
+    };
+    build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
 }

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use twin::{Images, Options, Outcome};
-use vehicle_model::{Overrides, Vehicle};
+use vehicle_model::Vehicle;
 use world::Scenario;
 use world::time::{from_seconds, seconds};
 use xtask::cli;
@@ -13,17 +13,7 @@ use xtask::mission::Loaded;
 /// The vehicle with its images.
 fn uagv() -> &'static (Vehicle, Images) {
     static VEHICLE: OnceLock<(Vehicle, Images)> = OnceLock::new();
-    VEHICLE.get_or_init(|| {
-        let build = || {
-            let workspace = xtask::Workspace::find()?;
-            let on = Overrides::parse("mission.enabled=true").expect("a value of the manifest");
-            let vehicle = xtask::vehicle::with(&workspace, "uagv", &on)?;
-            let nodes: Vec<_> = vehicle.nodes().collect();
-            let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
-            Ok((vehicle, xtask::build::read(&images)?))
-        };
-        build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
-    })
+    VEHICLE.get_or_init(|| furrow_tests::with("mission.enabled=true"))
 }
 
 /// Two swaths of 20 m at 2 m/s, with the turn between them.

@@ -5,23 +5,11 @@ use std::time::Duration;
 
 use can_bus::Frame;
 use embedded_can::{Id, StandardId};
+use furrow_tests::with;
 use twin::Images;
-use vehicle_model::{Overrides, Vehicle};
+use vehicle_model::Vehicle;
 use world::Scenario;
 use xtask::selftest::{OnTwin, Transport};
-
-/// The vehicle with its images, with these values in place of the manifest's.
-fn uagv(set: &str) -> (Vehicle, Images) {
-    let build = || {
-        let workspace = xtask::Workspace::find()?;
-        let set = Overrides::parse(set).expect("values of the manifest");
-        let vehicle = xtask::vehicle::with(&workspace, "uagv", &set)?;
-        let nodes: Vec<_> = vehicle.nodes().collect();
-        let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
-        Ok((vehicle, xtask::build::read(&images)?))
-    };
-    build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
-}
 
 const REFERENCE: u16 = 100;
 const COMMAND: u16 = 300;
@@ -82,7 +70,7 @@ const LATER: &str = "key = true\n[[reset]]\nnode = \"steering\"\nat = \"0.3 s\"\
 /// The time of a run begins where that of the others does, so its commands fit to another one that has the same key.
 #[test]
 fn without_sessions_commands_of_another_run_are_obeyed() {
-    let uagv = uagv("");
+    let uagv = with("");
     let driven = run(&uagv, DRIVEN, &BTreeMap::new());
     assert!(driven.fastest > 0.5, "{}", driven.fastest);
     assert!(run(&uagv, STANDING, &BTreeMap::new()).fastest < 0.01);
@@ -92,7 +80,7 @@ fn without_sessions_commands_of_another_run_are_obeyed() {
 
 #[test]
 fn with_sessions_commands_of_another_run_move_nothing() {
-    let uagv = uagv("sessions.enabled=true");
+    let uagv = with("sessions.enabled=true");
     let driven = run(&uagv, DRIVEN, &BTreeMap::new());
     assert!(driven.fastest > 0.5, "{}", driven.fastest);
     // The recorded commands are good: in the session that they were sealed for they would be obeyed.
@@ -107,6 +95,6 @@ fn with_sessions_commands_of_another_run_move_nothing() {
 fn a_start_of_an_actuator_makes_another_session() {
     let again = "[[reset]]\nnode = \"drive\"\nat = \"1 s\"\nuntil = \"1.1 s\"\n";
     let text = format!("{DRIVEN}{again}");
-    let run = run(&uagv("sessions.enabled=true"), &text, &BTreeMap::new());
+    let run = run(&with("sessions.enabled=true"), &text, &BTreeMap::new());
     assert!(run.fastest > 0.5, "{}", run.fastest);
 }

@@ -8,7 +8,7 @@ use control::mission::{End, Join, Leg, Legs};
 use control::position::Position;
 use firmware::mission::upload::{Outcome, Reason, Request};
 use twin::Images;
-use vehicle_model::{Overrides, Vehicle};
+use vehicle_model::Vehicle;
 use world::Scenario;
 use xtask::mission::{Client, Error, Told};
 use xtask::selftest::{OnTwin, Transport};
@@ -16,17 +16,7 @@ use xtask::selftest::{OnTwin, Transport};
 /// The vehicle with its images.
 fn uagv() -> &'static (Vehicle, Images) {
     static VEHICLE: OnceLock<(Vehicle, Images)> = OnceLock::new();
-    VEHICLE.get_or_init(|| {
-        let build = || {
-            let workspace = xtask::Workspace::find()?;
-            let on = Overrides::parse("mission.enabled=true").expect("a value of the manifest");
-            let vehicle = xtask::vehicle::with(&workspace, "uagv", &on)?;
-            let nodes: Vec<_> = vehicle.nodes().collect();
-            let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
-            Ok((vehicle, xtask::build::read(&images)?))
-        };
-        build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
-    })
+    VEHICLE.get_or_init(|| furrow_tests::with("mission.enabled=true"))
 }
 
 /// The bus of the vehicle at rest, with what else happens.

@@ -4,8 +4,8 @@
 //! recorded references and commands of one run could play them to a network that has just begun, whose
 //! time they have not reached yet. So each node that obeys commands has a number of its own for each of
 //! its starts ([`sled_common::starts`]), which no other start of it has, and tells it on the bus. All who seal or
-//! judge commands make the session's key from the network's key and these numbers. A command that was
-//! sealed before an actuator started was sealed with another key, and the actuator obeys it no more.
+//! judge commands make the session's key from the network's key and these numbers. A command from
+//! before the last start of an actuator was sealed by another key, so the actuator refuses it.
 //!
 //! The numbers need no tag. Who forges one makes those who hear it disagree with the node that has it: its commands are
 //! refused, the actuators stop, and the next true number ends that. Nobody gets old commands obeyed by it, as

@@ -432,7 +432,7 @@ impl Session {
         self.answers.pop_front()
     }
 
-    /// What is to be told to loggers, once.
+    /// The event that loggers have not been sent yet; it is handed out once.
     pub fn event(&mut self) -> Option<Event> {
         self.event.take()
     }

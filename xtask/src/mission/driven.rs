@@ -419,7 +419,7 @@ fn place_at(way: &[(f64, Local)], at: f64) -> Option<Local> {
 pub(crate) type Switches = [(bool, Option<f64>); 8];
 
 /// What a node at the sections makes of what it is told. `cycles` are the beginnings of basic cycles (s), each with what was
-/// told of it. In a cycle of which nothing was told the sections keep their state; in the next such one they are off.
+/// told of it. After a cycle without the message the sections keep their state; after a second one in a row they are off.
 pub(crate) fn played(cycles: impl Iterator<Item = (f64, Option<Switches>)>) -> Vec<SectionSwitch> {
     let mut all = Vec::new();
     let mut state = [false; 8];

@@ -327,8 +327,19 @@ fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
             field.coverage.share() * 100.0,
             field.bearing.to_degrees()
         );
+        warn_of_obstacles(field.area.holes.len());
     }
     Ok(())
+}
+
+/// The fence is the edge of the field, so neither the check nor the planning of turns knows what lies inside of it.
+fn warn_of_obstacles(count: usize) {
+    if count > 0 {
+        eprintln!(
+            "warning: {count} obstacles lie in the field; swaths end before them, but turns may lead through them: look \
+             at --picture, and do not drive this mission where one does"
+        );
+    }
 }
 
 fn usage_of(vehicle: &Vehicle) -> Failure {

@@ -59,8 +59,8 @@ impl Session {
         self.session.secret()
     }
 
-    /// A step of the housekeeping: tells the own start, and hears those of the others. Whether that changes the
-    /// session, whose [`secret`](Self::secret) takes too long for a lock of the bus.
+    /// A step of the housekeeping: sends the number of this node's start, and takes those of the others. Returns whether
+    /// the session has changed; its [`secret`](Self::secret) takes too long for a lock of the bus.
     pub fn step<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
         &mut self,
         link: &mut Link<P, T, WINDOWS, NODES>,
@@ -79,7 +79,7 @@ impl Session {
             None => {}
         }
         let mut changed = false;
-        // Nobody else knows the own start.
+        // A node never takes its own number from the bus.
         if own != Some(Actuator::Steering)
             && let Some(frame) = link.take(window::STEERING_START)
             && let Ok(told) = SteeringStart::decode(frame.data())
