@@ -27,8 +27,10 @@ const TRACTOR: Description = Description {
         velocity: 0.03,
         steering: degrees(0.1),
         age: 0.055,
+        interval: 0.1,
     },
     drive_lag: 0.5,
+    acceleration: 1.0,
     cornering: 5.0,
     misalignment: Misalignment {
         heading: degrees(1.0),

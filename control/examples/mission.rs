@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         origin: Position::new(0, 0),
         legs: &[out, back],
         fence: &corners.map(|(north, east)| Point { north, east }),
+        obstacles: &[],
         end: End::Stop,
     };
 

@@ -23,6 +23,15 @@ pub(crate) struct Direction<T> {
 }
 
 impl<T: Scalar> Direction<T> {
+    /// The direction of an angle of zero.
+    pub(crate) fn north() -> Self {
+        Self {
+            angle: T::zero(),
+            sine: T::zero(),
+            cosine: T::one(),
+        }
+    }
+
     /// The direction of an angle, rad.
     pub(crate) fn of(angle: T) -> Self {
         let (sine, cosine) = angle.sine_cosine();

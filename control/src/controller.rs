@@ -9,6 +9,7 @@ use crate::estimator::{
 };
 use crate::feedback::{LimitError, Limits};
 use crate::guidance::{Brake, Deviation, Guidance, GuidanceError, GuidanceSettings, blended};
+use crate::habits::Expected;
 use crate::hold::{Hold, HoldSettings};
 use crate::line::Line;
 use crate::model::{Antenna, Geometry};
@@ -18,6 +19,7 @@ use crate::route::{Bend, Route};
 use crate::safety::{Command, SafetyFilter, Slew, Verdict};
 use crate::scalar::{Scalar, wrap_angle};
 use crate::schedule::GainSchedule;
+use crate::tilt::Tilt;
 
 /// Steering gains at nine speeds; each row is a [`crate::guidance::Gains`].
 pub type SteeringGains<T> = GainSchedule<T, 4, 9>;
@@ -130,6 +132,10 @@ impl<T: Scalar> Settings<T> {
                 drive_lag: lit(estimator.drive_lag),
                 rear_slip: lit(estimator.rear_slip),
                 standstill: lit(estimator.standstill),
+                expected: Expected {
+                    curvature: lit(estimator.expected.curvature),
+                    age: lit(estimator.expected.age),
+                },
             },
             limits: limits(&self.limits),
             slew: Slew {
@@ -287,6 +293,12 @@ pub struct Outcome<T> {
 /// Speed below which a vehicle whose route lets it wait counts as standing, m/s.
 const STANDING: f64 = 0.05;
 
+/// Largest turn (rad) in a bend while the steering travels to its angle. It leaves the vehicle within a decimetre of the
+/// arc; a swing may take [`crate::vehicle`]'s larger one.
+const SLOWNESS: f64 = 0.35;
+/// Largest lateral acceleration in a bend, m/s^2.
+const LATERAL: f64 = 2.0;
+
 /// The controller and its state. R is the kind of route that it follows.
 #[derive(Clone, Copy, Debug)]
 pub struct Controller<T, R = Path<T>> {
@@ -394,6 +406,24 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         }
     }
 
+    /// Sets roll and pitch at the time of the next GPS data, if an inertial sensor has measured them, and returns where the
+    /// antenna then is: m ahead of the rear axle and to the right of the centre line. Without them, or if they are not
+    /// plausible, this is its place on level ground.
+    ///
+    /// The value counts until the next call. That the antenna swings while roll and pitch change, is for
+    /// [`crate::tilt::TiltWatch`], which calls this.
+    pub fn set_tilt(&mut self, tilt: Option<Tilt<T>>) -> (T, T) {
+        let EstimatorSettings {
+            geometry, antenna, ..
+        } = &self.settings.estimator;
+        let (ahead, right) = match tilt {
+            Some(tilt) if tilt.is_plausible() => tilt.place(geometry, antenna),
+            _ => (geometry.l1, antenna.right),
+        };
+        self.estimator.set_lever(ahead, right);
+        (ahead, right)
+    }
+
     /// Sets the measured age of GPS data at their arrival, s. A value that is
     /// negative or not finite is ignored.
     pub fn set_gps_delay(&mut self, delay: T) {
@@ -404,6 +434,21 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
     #[must_use]
     pub fn effectiveness(&self) -> T {
         self.estimator.effectiveness()
+    }
+
+    /// The real speed as a share of the commanded one, as estimated, but at least a half: a vehicle that is stuck, and then
+    /// free, is not to rush. Commands of the law are larger by it.
+    #[must_use]
+    pub fn drive(&self) -> T {
+        self.estimator.drive().max(T::lit(0.5))
+    }
+
+    /// Whether the place is known so well that a moment without positions does no harm: the deviation is below a third of
+    /// that at which the law stops, ten times the noise of a position.
+    #[must_use]
+    pub fn is_placed(&self) -> bool {
+        let most = self.settings.lost * T::lit(1.0 / 3.0);
+        self.estimator.is_ready() && self.estimator.antenna_variance() <= most * most
     }
 
     /// Slews commands from `last` on, which something else has sent to the actuators.
@@ -557,13 +602,16 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             });
         }
         let lost = self.settings.lost;
-        if !(self.estimator.largest_position_variance() <= lost * lost) {
+        if !(self.estimator.antenna_variance() <= lost * lost) {
             return None;
         }
         if self.progress.finished || !self.route.is_ready(&self.progress) {
             return Some(Command::still());
         }
-        let speed = planned.unwrap_or(cruise);
+        let speed = match planned {
+            Some(speed) => speed,
+            None => self.speed_in_bends(travel),
+        };
         if planned.is_some() && !(speed > T::zero()) && travel.abs() < T::lit(STANDING) {
             // A vehicle that waits does not turn its wheels.
             return Some(Command::still());
@@ -600,8 +648,27 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         };
         Some(Command {
             steering_rate: self.travelled(rate / effectiveness),
-            speed: self.travelled(speed),
+            // A drive that is slower than its commands is commanded more.
+            speed: self.travelled(speed / self.drive()),
         })
+    }
+
+    /// The cruise speed, or less before and in a bend of a route that does not plan its speed (m/s): while the steering
+    /// travels to the bend's angle, the vehicle turns by at most [`SLOWNESS`], and the lateral acceleration is at most
+    /// [`LATERAL`]. So it enters an arc, whose curvature comes at once, within a decimetre.
+    fn speed_in_bends(&self, travel: T) -> T {
+        let cruise = self.settings.cruise;
+        // The drive slows down within about three of its time constants.
+        let time = T::lit(3.0) * self.settings.estimator.drive_lag + T::lit(0.5);
+        let curvature = self.route.tightest(&self.progress, travel.abs() * time);
+        if !(curvature > T::zero()) {
+            return cruise;
+        }
+        let angle = self.guidance.angle_for(curvature);
+        let rate = self.settings.limits.steering_rate * self.estimator.effectiveness();
+        let slow = T::lit(SLOWNESS) * rate / (angle * curvature);
+        let lateral = (T::lit(LATERAL) / curvature).root();
+        cruise.min(slow).min(lateral)
     }
 
     /// Steering rate (rad/s) with which the wheels follow the curvature of the route over the

@@ -44,6 +44,22 @@ pub(crate) struct Covariance<T> {
     cc: T,
 }
 
+/// A position and a course from which an estimate begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Beginning<T> {
+    /// Variance of the position, per axis, m^2.
+    pub(crate) position: T,
+    /// Variance of the course, rad^2.
+    pub(crate) course: T,
+    /// Derivative of the course with respect to the steering angle.
+    pub(crate) lead: T,
+    /// Derivatives of the measured northing and easting with respect to heading and steering angle.
+    pub(crate) north: [T; 2],
+    pub(crate) east: [T; 2],
+    /// Square of the distance from the rear axle to the measured point, m^2.
+    pub(crate) lever: T,
+}
+
 /// The derivatives of a step's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Transition<T> {
@@ -116,31 +132,57 @@ impl<T: Scalar> Covariance<T> {
         self.cc = steering_bias;
     }
 
-    /// Forgets what was known of position and heading. The new heading carries the error of the
-    /// estimated heading bias, which was subtracted from it. `position` (m^2) and `course` (rad^2)
-    /// are the variances of what is known now.
-    pub(crate) fn restart(&mut self, position: T, course: T) {
+    /// Forgets what was known of position and heading, which are computed anew from a position and a course. So the
+    /// heading carries the errors of the heading bias and of the steering angle, and the position that of the heading.
+    #[inline(never)]
+    pub(crate) fn restart(&mut self, seen: &Beginning<T>) {
+        let k = seen.lead;
+        let (ss, sb, sc) = (self.ss, self.sb, self.sc);
+        let (hs, hb, hc) = (-sb - k * ss, -self.bb - k * sb, -self.bc - k * sc);
+        let hh = seen.course - hb - k * hs;
+        let [[nh, ns, nb, nc], [eh, es, eb, ec]] = [seen.north, seen.east].map(|[of_h, of_s]| {
+            [
+                -of_h * hh - of_s * hs,
+                -of_h * hs - of_s * ss,
+                -of_h * hb - of_s * sb,
+                -of_h * hc - of_s * sc,
+            ]
+        });
+        // An error of the heading moves the position along an arc, but its covariances hold for the tangent alone.
+        let position = seen.position + seen.lever * hh * hh * T::lit(0.5);
         *self = Self {
-            nn: position,
-            ee: position,
-            hh: course + self.bb,
-            hb: -self.bb,
-            ss: self.ss,
-            sb: self.sb,
-            sc: self.sc,
-            bb: self.bb,
-            bc: self.bc,
-            cc: self.cc,
-            ..Self::zero()
+            nn: position - seen.north[0] * nh - seen.north[1] * ns,
+            ne: -seen.north[0] * eh - seen.north[1] * es,
+            nh,
+            ns,
+            nb,
+            nc,
+            ee: position - seen.east[0] * eh - seen.east[1] * es,
+            eh,
+            es,
+            eb,
+            ec,
+            hh,
+            hs,
+            hb,
+            hc,
+            ..*self
         };
     }
 
-    /// P <- F P F' + Q, with the variances `drift` on the diagonal of Q.
+    /// The variance of a point that is `north` and `east` (m) of the position and turns with the heading, north plus
+    /// east, m^2.
+    pub(crate) fn place(&self, north: T, east: T) -> T {
+        let turned = north * self.eh - east * self.nh;
+        self.nn + self.ee + T::lit(2.0) * turned + (north * north + east * east) * self.hh
+    }
+
+    /// P <- F P F' + Q, with the variances `drift` on the diagonal of Q and the covariance `along` of north and east.
     ///
     /// With the heading m in the middle of the step, F maps n to n + `north` m, e to e + `east` m
     /// and h to h + `turn` s, where m = h + s `turn` / 2.
     #[inline(always)]
-    pub(crate) fn advance(&mut self, by: &Transition<T>, drift: &[T; STATES]) {
+    pub(crate) fn advance(&mut self, by: &Transition<T>, drift: &[T; STATES], along: T) {
         let &Transition { north, east, turn } = by;
         let half = turn * T::lit(0.5);
         let mn = self.nh + half * self.ns;
@@ -156,7 +198,7 @@ impl<T: Scalar> Covariance<T> {
         self.nh += turn * self.ns + north * mh;
         self.eh += turn * self.es + east * mh;
         self.nn += north * (mn + north_middle) + drift[NORTH];
-        self.ne += east * mn + north * east_middle;
+        self.ne += east * mn + north * east_middle + along;
         self.ee += east * (me + east_middle) + drift[EAST];
         self.ns += north * ms;
         self.nb += north * mb;
@@ -208,6 +250,86 @@ impl<T: Scalar> Covariance<T> {
             self.bb -= gain * b;
             self.bc -= gain * c;
             self.cc -= c * inverse * c;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SVector;
+    use proptest::prelude::*;
+
+    type Matrix = SMatrix<f64, STATES, STATES>;
+
+    fn of(matrix: &Matrix) -> Covariance<f64> {
+        let at = |row, column| matrix[(row, column)];
+        Covariance {
+            nn: at(0, 0),
+            ne: at(0, 1),
+            nh: at(0, 2),
+            ns: at(0, 3),
+            nb: at(0, 4),
+            nc: at(0, 5),
+            ee: at(1, 1),
+            eh: at(1, 2),
+            es: at(1, 3),
+            eb: at(1, 4),
+            ec: at(1, 5),
+            hh: at(2, 2),
+            hs: at(2, 3),
+            hb: at(2, 4),
+            hc: at(2, 5),
+            ss: at(3, 3),
+            sb: at(3, 4),
+            sc: at(3, 5),
+            bb: at(4, 4),
+            bc: at(4, 5),
+            cc: at(5, 5),
+        }
+    }
+
+    proptest! {
+        /// No covariance has a negative eigenvalue. Before, the heading of a new estimate had nothing of the errors of
+        /// steering angle and steering bias, which left some with one.
+        #[test]
+        fn a_covariance_stays_one_when_the_estimate_starts_anew(
+            factors in prop::array::uniform32(-1.0..1.0_f64),
+            course in 1e-4..0.1_f64,
+            lead in -2.0..2.0_f64,
+            rows in prop::array::uniform4(-2.0..2.0_f64),
+        ) {
+            let factor = Matrix::from_fn(|row, column| factors[(6 * row + column) % 32]);
+            let mut covariance = of(&(factor * factor.transpose()));
+            let [of_heading, of_steering, east_of_heading, east_of_steering] = rows;
+            covariance.restart(&Beginning {
+                position: 1e-4,
+                course,
+                lead,
+                north: [of_heading, of_steering],
+                east: [east_of_heading, east_of_steering],
+                lever: 1.0,
+            });
+            let eigenvalues = covariance.matrix().symmetric_eigenvalues();
+            prop_assert!(eigenvalues.min() > -1e-9, "{eigenvalues}");
+        }
+
+        /// The variance of a point that turns with the heading is that of its two coordinates.
+        #[test]
+        fn a_place_has_the_variance_of_its_coordinates(
+            factors in prop::array::uniform32(-1.0..1.0_f64),
+            north in -3.0..3.0_f64,
+            east in -3.0..3.0_f64,
+        ) {
+            let factor = Matrix::from_fn(|row, column| factors[(6 * row + column) % 32]);
+            let matrix = factor * factor.transpose();
+            let rows = [
+                SVector::from([1.0, 0.0, -east, 0.0, 0.0, 0.0]),
+                SVector::from([0.0, 1.0, north, 0.0, 0.0, 0.0]),
+            ];
+            let known: f64 = rows.iter().map(|row| row.dot(&(matrix * row))).sum();
+            let found = of(&matrix).place(north, east);
+            prop_assert!((found - known).abs() < 1e-9, "{found} {known}");
         }
     }
 }

@@ -17,15 +17,21 @@
 //! * The antenna may be ahead of the rear axle, behind it or beside the centre
 //!   line. Position and velocity are corrected for this lever arm, the velocity
 //!   with the yaw rate.
+//! * On a slope a high antenna is beside that place. Whoever measures roll and
+//!   pitch says where it is ([`Estimator::set_lever`], [`crate::tilt`]).
 //! * At standstill the biases are not observable (thesis 7.2.5 with V = 0).
 //!   They are frozen: value and variance stay.
+//! * What the description has wrong is found while the vehicle turns: the wheelbase
+//!   that acts, and the age of GPS data ([`Expected`]).
 //! * Without GPS data the filter continues by dead reckoning from steering
 //!   angle and speed, and its variance grows with slip and steering noise.
 
 use crate::angle::{Direction, Wheels, is_near};
 use crate::covariance::{
-    Covariance, EAST, HEADING, HEADING_BIAS, NORTH, STATES, STEERING, STEERING_BIAS, Transition,
+    Beginning, Covariance, EAST, HEADING, HEADING_BIAS, NORTH, STATES, STEERING, STEERING_BIAS,
+    Transition,
 };
+use crate::habits::{Course, Expected, Habits, Shown};
 use crate::model::{Antenna, Geometry, GeometryError};
 use crate::position::{Position, Velocity};
 use crate::safety::Command;
@@ -83,6 +89,8 @@ pub struct EstimatorSettings<T> {
     /// Speed up to which the vehicle counts as standing, m/s, positive. There
     /// the velocity vector is too noisy to give a heading.
     pub standstill: T,
+    /// How far the wheelbase and the age of GPS data may be from the values above.
+    pub expected: Expected<T>,
 }
 
 /// The setting of the estimator that is unusable.
@@ -99,6 +107,8 @@ pub enum EstimatorError {
     Drive,
     /// The tyres' slip is negative or not a number.
     Slip,
+    /// The expected deviation of wheelbase or age is negative or not a number.
+    Expected,
 }
 
 impl core::fmt::Display for EstimatorError {
@@ -111,6 +121,9 @@ impl core::fmt::Display for EstimatorError {
                 f.write_str("the drive's lag or the standstill speed is not a positive number")
             }
             Self::Slip => f.write_str("the tyres' slip is negative or not a number"),
+            Self::Expected => f.write_str(
+                "the expected deviation of wheelbase or age is negative or not a number",
+            ),
         }
     }
 }
@@ -151,10 +164,14 @@ impl<T: Scalar> EstimatorSettings<T> {
         if !(positive(self.drive_lag) && positive(self.standstill)) {
             return Err(EstimatorError::Drive);
         }
-        if self.rear_slip.is_finite() && self.rear_slip >= T::zero() {
+        let not_negative = |value: T| value.is_finite() && value >= T::zero();
+        if !not_negative(self.rear_slip) {
+            return Err(EstimatorError::Slip);
+        }
+        if not_negative(self.expected.curvature) && not_negative(self.expected.age) {
             Ok(())
         } else {
-            Err(EstimatorError::Slip)
+            Err(EstimatorError::Expected)
         }
     }
 }
@@ -236,23 +253,41 @@ const GATE: f64 = 25.0;
 const PATIENCE: u8 = 5;
 /// Largest estimate of a bias, rad (20 degrees).
 const LARGEST_BIAS: f64 = 0.35;
+/// Steps of which the motion is kept: as many as the largest age of the data, 250 ms, is long with the shortest
+/// period, 50 ms.
+const PAST: usize = 5;
+/// Standard deviation of the real speed about what the drive's gain explains, m/s: uneven ground and the drive's
+/// own regulation.
+const UNEVEN_SPEED: f64 = 0.05;
+/// Deviation of the drive's gain from one that noise explains: two standard deviations at 1 m/s.
+const IGNORED_GAIN: f64 = 0.02;
+/// How long a commanded speed must have lasted before the real one tells the drive's gain: a time constant, in lags of the
+/// drive, and s. A drive that starts is behind its lag, too: its motor driver limits the acceleration, and its command
+/// comes late.
+const STEADY: (f64, f64) = (3.0, 0.5);
+/// Standard deviation of the real speed about what the gain explains, as a share of the difference between the commanded
+/// speed and what of it has lasted.
+const UNSTEADY: f64 = 2.0;
 
 /// What follows from the settings, computed once.
 #[derive(Clone, Copy, Debug)]
 struct Derived<T> {
-    wheelbase: T,
-    /// One over the wheelbase, 1/m.
+    /// One over the described wheelbase, 1/m.
     per_wheelbase: T,
-    /// Derivative of the antenna's lead with respect to the steering angle.
-    lead: T,
-    /// Share of a change of speed that is missing when GPS data arrive.
-    late: T,
+    /// Change of the antenna's speed, as a share, by a steering bias of five times the expected size and by noise.
+    explained: T,
+    /// Difference between a measured and an expected speed that noise explains, m/s.
+    speed_noise: T,
+    /// Time constant of [`STEADY`], s.
+    steady: T,
     /// Square of the speed up to which the vehicle counts as standing.
     standstill: T,
     /// Variance of a position, per axis, m^2.
     position: T,
     /// Variance of a velocity, per axis, m^2/s^2.
     velocity: T,
+    /// Variance of a measured speed about what the drive's gain explains, m^2/s^2.
+    speed: T,
     /// Variance of a steering angle, rad^2.
     steering: T,
     /// Variances that the states gain in a second while the vehicle moves.
@@ -272,13 +307,17 @@ impl<T: Scalar> Derived<T> {
         drift[HEADING_BIAS] = square(noise.heading_bias);
         drift[STEERING_BIAS] = square(noise.steering_bias);
         Self {
-            wheelbase,
             per_wheelbase: T::one() / wheelbase,
-            lead: settings.geometry.l1 / wheelbase,
-            late: settings.gps_delay / (settings.drive_lag + settings.gps_delay),
+            explained: settings.antenna.right.abs() / wheelbase
+                * noise.first_steering_bias
+                * T::lit(5.0)
+                + T::lit(IGNORED_GAIN),
+            speed_noise: T::lit(2.0) * noise.velocity + T::lit(UNEVEN_SPEED),
+            steady: T::lit(STEADY.0) * settings.drive_lag + T::lit(STEADY.1),
             standstill: square(settings.standstill),
             position: square(noise.position),
             velocity: square(noise.velocity),
+            speed: square(noise.velocity) + T::lit(UNEVEN_SPEED * UNEVEN_SPEED),
             steering: square(noise.steering),
             drift,
         }
@@ -297,6 +336,33 @@ pub struct Estimator<T> {
     /// Real steering rate as a share of the commanded one, with its variance.
     effectiveness: T,
     effectiveness_variance: T,
+    /// Real speed as a share of the commanded one, with its variance.
+    drive_found: T,
+    drive_variance: T,
+    /// What of it is acted upon.
+    drive: T,
+    /// The real speed that an update showed, and the commanded one, m/s. The next prediction uses it.
+    measured: Option<[T; 2]>,
+    /// The commanded speed behind the drive's lag, m/s.
+    driven: T,
+    /// What noise does not explain of the difference between the last measured speed and the expected one, m/s.
+    stray_speed: T,
+    /// What has lasted of the commanded speed, m/s: behind a lag of [`STEADY`].
+    lasting: T,
+    /// The wheelbase that acts, m, and one over it, 1/m.
+    wheelbase: T,
+    per_wheelbase: T,
+    /// Age of GPS data, s, and one over it, 1/s; 0 if they have none.
+    delay: T,
+    per_delay: T,
+    /// Estimates both.
+    habits: Habits<T>,
+    /// What the measurements of an update tell about them. The next prediction uses it.
+    shown: Shown<T>,
+    /// What the last steps predicted, the newest first.
+    past: [Moved<T>; PAST],
+    /// How the vehicle has moved since GPS data that arrive now were measured.
+    back: Back<T>,
     heading_known: bool,
     outliers: u8,
     /// Angles of the prediction that no update has used yet.
@@ -304,6 +370,8 @@ pub struct Estimator<T> {
     /// What the last measurement of an update tells about the covariance. No other measurement of that
     /// update depends on it, so the next prediction carries it out.
     pending: Option<Correction<T>>,
+    /// [`Estimator::antenna_variance`] without what wheelbase and age of the data add.
+    antenna: T,
 }
 
 impl<T: Scalar> Estimator<T> {
@@ -324,12 +392,30 @@ impl<T: Scalar> Estimator<T> {
             speed: T::zero(),
             effectiveness: T::one(),
             effectiveness_variance: T::lit(0.09),
+            drive_found: T::one(),
+            drive_variance: T::lit(0.04),
+            drive: T::one(),
+            measured: None,
+            driven: T::zero(),
+            stray_speed: T::zero(),
+            lasting: T::zero(),
+            wheelbase: T::zero(),
+            per_wheelbase: T::zero(),
+            delay: T::zero(),
+            per_delay: T::zero(),
+            habits: Habits::new(settings.expected),
+            shown: Shown::nothing(),
+            past: [Moved::none(); PAST],
+            back: Back::none(),
             heading_known: false,
             outliers: 0,
             predicted: Some(Angles::zero()),
             pending: None,
+            antenna: T::zero(),
         };
         filter.forget_angles();
+        filter.set_curvature(T::one());
+        filter.set_delay(settings.gps_delay);
         Ok(filter)
     }
 
@@ -345,13 +431,55 @@ impl<T: Scalar> Estimator<T> {
         self.origin
     }
 
-    /// Sets the measured age of GPS data at their arrival, s. A value that is
+    /// Sets the measured age of GPS data at their arrival, s, from the next prediction on. A value that is
     /// negative or not finite is ignored.
     pub fn set_gps_delay(&mut self, delay: T) {
         if delay.is_finite() && delay >= T::zero() {
             self.settings.gps_delay = delay;
-            self.derived = Derived::of(&self.settings);
         }
+    }
+
+    /// Sets where the antenna was over the ground when the next GPS data were measured, relative to the rear axle: `ahead` of it
+    /// and to the `right` of the centre line, m. Until the first call these are the values of the settings. Values that are
+    /// not finite are ignored.
+    ///
+    /// Position and velocity count as those of an antenna that stays at this place of the vehicle.
+    pub fn set_lever(&mut self, ahead: T, right: T) {
+        if ahead.is_finite() && right.is_finite() {
+            self.settings.geometry.l1 = ahead;
+            self.settings.antenna.right = right;
+            self.derived.explained = right.abs()
+                * self.derived.per_wheelbase
+                * self.settings.noise.first_steering_bias
+                * T::lit(5.0)
+                + T::lit(IGNORED_GAIN);
+        }
+    }
+
+    fn set_delay(&mut self, delay: T) {
+        self.delay = delay;
+        self.per_delay = if delay > T::zero() {
+            T::one() / delay
+        } else {
+            T::zero()
+        };
+    }
+
+    fn set_curvature(&mut self, share: T) {
+        self.per_wheelbase = self.derived.per_wheelbase * share;
+        self.wheelbase = T::one() / self.per_wheelbase;
+    }
+
+    /// The wheelbase that acts, m, as estimated: that of the settings if [`Expected::curvature`] is zero.
+    #[must_use]
+    pub fn wheelbase(&self) -> T {
+        self.wheelbase
+    }
+
+    /// Age of GPS data, s, as set or estimated.
+    #[must_use]
+    pub fn gps_delay(&self) -> T {
+        self.delay
     }
 
     /// Moves the origin of the frame. The vehicle keeps its place on the ground.
@@ -382,7 +510,11 @@ impl<T: Scalar> Estimator<T> {
     /// units.
     #[must_use]
     pub fn deviations(&self) -> [T; STATES] {
-        self.settled().variances().map(Scalar::root)
+        let mut variances = self.settled().variances();
+        for (variance, added) in variances.iter_mut().zip(self.habits.variances()) {
+            *variance += added;
+        }
+        variances.map(Scalar::root)
     }
 
     /// Real steering rate as a share of the commanded one, in [0.3, 1.5],
@@ -391,6 +523,13 @@ impl<T: Scalar> Estimator<T> {
     #[must_use]
     pub fn effectiveness(&self) -> T {
         self.effectiveness
+    }
+
+    /// Real speed over ground as a share of the commanded one, in [0.3, 1.5], estimated while the
+    /// vehicle moves. Wheels slip, and a loaded motor is slower than its calibration.
+    #[must_use]
+    pub fn drive(&self) -> T {
+        self.drive
     }
 
     /// The covariance of north, east, heading, steering angle, heading bias
@@ -404,13 +543,22 @@ impl<T: Scalar> Estimator<T> {
     #[must_use]
     pub fn position_variance(&self) -> T {
         let variances = self.settled().variances();
-        variances[NORTH] + variances[EAST]
+        let added = self.habits.variances();
+        variances[NORTH] + variances[EAST] + added[NORTH] + added[EAST]
     }
 
     /// The same before the last course has lowered it, which takes less time.
-    pub(crate) fn largest_position_variance(&self) -> T {
+    #[must_use]
+    pub fn largest_position_variance(&self) -> T {
         let variances = self.covariance.variances();
-        variances[NORTH] + variances[EAST]
+        variances[NORTH] + variances[EAST] + self.habits.place_variance()
+    }
+
+    /// Variance of the antenna's place before the last position corrected it, north plus east, m^2. While positions arrive
+    /// it is known, even if the heading is not, on which the place of the rear axle depends.
+    #[must_use]
+    pub fn antenna_variance(&self) -> T {
+        self.antenna + self.habits.place_variance()
     }
 
     /// The covariance with all that is known.
@@ -465,6 +613,16 @@ impl<T: Scalar> Estimator<T> {
             self.heading_known = false;
             self.state = [T::zero(); STATES];
             self.speed = T::zero();
+            self.driven = T::zero();
+            self.lasting = T::zero();
+            self.stray_speed = T::zero();
+            self.measured = None;
+            self.past = [Moved::none(); PAST];
+            self.back = Back::none();
+            self.habits = Habits::new(self.settings.expected);
+            self.shown = Shown::nothing();
+            self.set_curvature(T::one());
+            self.set_delay(self.settings.gps_delay);
             self.covariance = Covariance::zero();
             self.pending = None;
             self.forget_angles();
@@ -506,14 +664,25 @@ impl<T: Scalar> Estimator<T> {
             self.covariance
                 .correct(&last.cross, last.inverse, last.biases);
         }
+        self.learn_habits();
+        if let Some([measured, commanded]) = self.measured.take() {
+            self.learn_drive(measured, commanded);
+        }
         let half = T::lit(0.5);
 
         let share = dt / (dt + self.settings.drive_lag);
         let before = self.speed;
-        self.speed += (command.speed - self.speed) * share;
+        self.speed += (command.speed * self.drive() - self.speed) * share;
+        self.driven += (command.speed - self.driven) * share;
+        self.lasting += (command.speed - self.lasting) * dt / (dt + self.derived.steady);
         let way = (before + self.speed) * half * dt;
 
         let turned = command.steering_rate * self.effectiveness * dt;
+        let gained = self.speed - before;
+        let [one, two, three, four, _] = self.past;
+        self.past = [Moved { turned, gained }, one, two, three, four];
+        // Here and not in the update, so that measurements have less to wait for.
+        self.back = self.look_back(dt);
         let wheels = Wheels::at(self.state[STEERING] + turned * half);
         let (turn, gain) = self.curve(way, turned).arc(&wheels);
         let heading = Direction::of(self.state[HEADING] + turn * half);
@@ -527,13 +696,32 @@ impl<T: Scalar> Estimator<T> {
         let mut drift = self.derived.drift.map(|variance| variance * moving);
         let stray = self.settings.noise.actuator_share * turned;
         drift[STEERING] = self.derived.drift[STEERING] * dt + stray * stray;
+        // An error of the speed moves the place along the way, and the data by their age too.
+        let astray = self.stray_speed * (moving + self.delay);
+        let along = [astray * heading.cosine, astray * heading.sine];
+        drift[NORTH] += along[0] * along[0];
+        drift[EAST] += along[1] * along[1];
         let derivatives = Transition {
             north: -east,
             east: north,
             turn: gain,
         };
-        self.covariance.advance(&derivatives, &drift);
+        self.covariance
+            .advance(&derivatives, &drift, along[0] * along[1]);
+        self.habits.advance(&derivatives, turn);
         Angles { heading, wheels }
+    }
+
+    /// Corrects what the description may have wrong by what the last update showed.
+    fn learn_habits(&mut self) {
+        let shown = core::mem::replace(&mut self.shown, Shown::nothing());
+        let told = self.settings.gps_delay;
+        if self.habits.are_estimated() {
+            self.habits.learn(&shown, &mut self.state, told);
+        }
+        let (curvature, delay) = self.habits.found(told);
+        self.set_curvature(curvature);
+        self.set_delay(delay);
     }
 
     /// Computes `angles` anew if a correction has moved the estimate far away from them.
@@ -546,7 +734,7 @@ impl<T: Scalar> Estimator<T> {
 
     /// A way (m) on which the steering turns by `turned` (rad).
     fn curve(&self, way: T, turned: T) -> Curve<T> {
-        let scale = self.derived.per_wheelbase;
+        let scale = self.per_wheelbase;
         Curve {
             bends: way * scale,
             // The rear axle's slip angle follows the curvature.
@@ -587,29 +775,34 @@ impl<T: Scalar> Estimator<T> {
 
     fn see_gps(&mut self, seen: &Observation<T>, angles: &mut Angles<T>) -> Update {
         self.follow(angles);
+        let back = self.back;
         let course = seen
             .velocity
-            .and_then(|velocity| self.see_speed(velocity, seen, &angles.wheels));
+            .and_then(|velocity| self.see_speed(velocity, seen, &back, &angles.wheels));
+        let since = self.since(&back);
         if !self.heading_known {
-            return self.start_from(seen, angles, course, Update::Corrected);
+            return self.start_from(seen, &since, angles, course, Update::Corrected);
         }
-        let since = self.since(seen);
         let fits = match seen.position {
             Some(position) => self.see_position(position, &since, angles),
-            None => false,
+            None => {
+                self.reckon(angles);
+                false
+            }
         };
         if seen.position.is_some() && !fits {
             self.outliers = self.outliers.saturating_add(1);
             if self.outliers >= PATIENCE {
                 self.heading_known = false;
                 self.outliers = 0;
-                return self.start_from(seen, angles, course, Update::Restarted);
+                return self.start_from(seen, &since, angles, course, Update::Restarted);
             }
         } else if fits {
             self.outliers = 0;
         }
         if let Some(course) = course {
-            self.follow(angles);
+            // The angles are not computed anew: their series are off by less than 3e-5 rad a whole radian away, which is
+            // farther than a position turns the heading.
             self.see_course(course, &since, angles);
         }
         if fits || course.is_some() {
@@ -619,19 +812,32 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
+    /// Variance of the antenna's place without a position.
+    #[cold]
+    #[inline(never)]
+    fn reckon(&mut self, angles: &Angles<T>) {
+        let Direction { sine, cosine, .. } = angles.heading.near(self.state[HEADING]);
+        let l1 = self.settings.geometry.l1;
+        let right = self.settings.antenna.right;
+        self.antenna = self
+            .covariance
+            .place(l1 * cosine - right * sine, l1 * sine + right * cosine);
+    }
+
     /// Starts the estimate if position and course arrived; then the update was a `started` one.
     #[cold]
     #[inline(never)]
     fn start_from(
         &mut self,
         seen: &Observation<T>,
+        since: &Since<T>,
         angles: &Angles<T>,
         course: Option<(T, T)>,
         started: Update,
     ) -> Update {
         match (seen.position, course) {
             (Some(position), Some(course)) => {
-                self.start(position, course, seen, angles);
+                self.start(position, course, since, angles);
                 started
             }
             _ => Update::NoHeading,
@@ -644,21 +850,27 @@ impl<T: Scalar> Estimator<T> {
         &mut self,
         velocity: Velocity,
         seen: &Observation<T>,
+        back: &Back<T>,
         wheels: &Wheels<T>,
     ) -> Option<(T, T)> {
         let (north, east) = velocity.metres_per_second::<T>();
         let square = north * north + east * east;
         // The rear axle's speed is size cos(lead) L / (L - w right / V). Both the cosine and the
         // divisor follow from the lever, so the angle itself is not needed.
-        let (forward, sideways) = self.lever(&wheels.near(self.state[STEERING]));
+        let then = self.state[STEERING] - back.turned.sum;
+        let (forward, sideways) = self.lever(&wheels.near(then));
         let ratio = square / (forward * forward + sideways * sideways);
-        let size = self.derived.wheelbase * ratio.root();
+        let size = self.wheelbase * ratio.root();
         // The velocity vector does not tell forward from reverse; the drive
         // does.
         let backward = self.speed < T::zero();
         let measured = if backward { -size } else { size };
-        let expected = self.speed - (seen.speed - self.speed) * self.derived.late;
-        self.speed += (measured - expected) * T::lit(0.4);
+        let expected = self.speed - back.gained.sum;
+        self.measured = Some([measured + back.gained.sum, seen.speed]);
+        let error = measured - expected;
+        let beyond = error - clamp_symmetric(error, self.derived.speed_noise);
+        self.speed += error * T::lit(0.4) + beyond * T::lit(0.5);
+        self.stray_speed = beyond;
         if !(square > self.derived.standstill && self.is_moving()) {
             None
         } else if backward {
@@ -677,47 +889,93 @@ impl<T: Scalar> Estimator<T> {
     fn lever(&self, wheels: &Wheels<T>) -> (T, T) {
         let tangent = wheels.tangent;
         (
-            self.derived.wheelbase - self.settings.antenna.right * tangent,
+            self.wheelbase - self.settings.antenna.right * tangent,
             self.settings.geometry.l1 * tangent,
         )
     }
 
+    /// Updates the drive's gain from the speed that was `measured` (m/s), with what it has gained since, under the
+    /// speed that was commanded since the last step.
+    fn learn_drive(&mut self, measured: T, commanded: T) {
+        let driven = self.driven;
+        if !(driven.abs() > self.settings.standstill) {
+            return;
+        }
+        let square = |value: T| value * value;
+        // While the speed changes, what the model of the drive lacks looks like an error of the gain.
+        let changing = square((commanded - self.lasting) * T::lit(UNSTEADY));
+        let noise = self.derived.speed + changing;
+        let share = driven * self.drive_variance;
+        let gain = share / (driven * share + noise);
+        self.drive_found += gain * (measured - self.drive_found * driven);
+        self.drive_variance *= T::one() - gain * driven;
+        // The ground may change by two percent in a second of ten measurements.
+        self.drive_variance += T::lit(2e-5);
+        let (least, most) = (T::lit(0.3), T::lit(1.5));
+        if !(self.drive_found > least) {
+            self.drive_found = least;
+        } else if self.drive_found > most {
+            self.drive_found = most;
+        }
+        // What noise or a steering bias may explain does not count: an antenna beside the centre line is faster or
+        // slower with the yaw rate, so such a bias looks like a gain. Twice as much counts in full.
+        let found = self.drive_found - T::one();
+        let explained = self.derived.explained;
+        let beyond = found - clamp_symmetric(found, explained);
+        self.drive = T::one() + beyond + clamp_symmetric(beyond, explained);
+    }
+
+    /// By how much steering angle and speed have changed since the GPS data were measured, by the predictions of the
+    /// steps since then, of `dt` (s) each.
+    #[inline(never)]
+    fn look_back(&self, dt: T) -> Back<T> {
+        let half = T::lit(0.5);
+        let per_step = T::one() / dt;
+        let mut left = self.delay;
+        let mut back = Back::none();
+        // loop-bound: 5
+        for moved in &self.past {
+            let time = if left > dt { dt } else { left };
+            left -= time;
+            let share = time * per_step;
+            let turned = moved.turned * share;
+            let gained = moved.gained * share;
+            back.turned.moment += (back.turned.sum + turned * half) * time;
+            back.gained.moment += (back.gained.sum + gained * half) * time;
+            back.turned.sum += turned;
+            back.gained.sum += gained;
+        }
+        back
+    }
+
     /// How the vehicle has moved since the GPS data were measured. Corrections of position and angles
     /// change none of it.
-    fn since(&self, seen: &Observation<T>) -> Since<T> {
-        let delay = self.settings.gps_delay;
-        let way = self.speed * delay;
-        let turned = seen.steering_rate * self.effectiveness * delay;
+    fn since(&self, back: &Back<T>) -> Since<T> {
+        let way = self.speed * self.delay - back.gained.moment;
         Since {
             way,
-            half_turned: turned * T::lit(0.5),
-            curve: self.curve(way, turned),
+            turned: back.turned.sum,
+            middle: back.turned.moment * self.per_delay,
+            curve: self.curve(way, back.turned.sum),
         }
     }
 
     /// The pose at the time when the GPS data were measured, computed back from
     /// the current state.
     fn delayed(&self, since: &Since<T>, wheels: &Wheels<T>) -> Delayed<T> {
-        let middle = wheels.near(self.state[STEERING] - since.half_turned);
+        let middle = wheels.near(self.state[STEERING] - since.middle);
         let (turn, gain) = since.curve.arc(&middle);
         let heading = self.state[HEADING] - turn;
         Delayed {
             gain,
             heading,
             middle: heading + turn * T::lit(0.5),
-            steering_angle: middle.angle - since.half_turned,
+            steering_angle: self.state[STEERING] - since.turned,
         }
     }
 
-    fn start(
-        &mut self,
-        position: Position,
-        course: (T, T),
-        seen: &Observation<T>,
-        angles: &Angles<T>,
-    ) {
-        let since = self.since(seen);
-        let then = self.delayed(&since, &angles.wheels);
+    fn start(&mut self, position: Position, course: (T, T), since: &Since<T>, angles: &Angles<T>) {
+        let then = self.delayed(since, &angles.wheels);
         let turn = self.state[HEADING] - then.heading;
         let (forward, sideways) = self.lever(&angles.wheels.near(then.steering_angle));
         let lead = sideways.angle_of(forward);
@@ -728,19 +986,27 @@ impl<T: Scalar> Estimator<T> {
         let (north, east) = position.metres_from::<T>(self.origin);
         let l1 = self.settings.geometry.l1;
         let right = self.settings.antenna.right;
-        self.state[NORTH] = north - (l1 * cosine - right * sine) + since.way * cosine_way;
-        self.state[EAST] = east - (l1 * sine + right * cosine) + since.way * sine_way;
+        let lever = [l1 * cosine - right * sine, l1 * sine + right * cosine];
+        let way = [since.way * cosine_way, since.way * sine_way];
+        self.state[NORTH] = north - lever[0] + way[0];
+        self.state[EAST] = east - lever[1] + way[1];
         self.state[HEADING] = heading + turn;
 
-        let course_variance = self.course_variance(course);
-        let bias = self.covariance.variances()[HEADING_BIAS];
-        let lever = l1.abs() + right.abs() + since.way.abs();
-        self.covariance.restart(
-            self.derived.position + lever * lever * (course_variance + bias),
-            course_variance,
-        );
+        let [north, east] = rows(lever, way, then.gain);
+        let position = self.derived.position;
+        self.antenna = position + position;
+        self.covariance.restart(&Beginning {
+            position,
+            course: self.course_variance(course),
+            lead: l1 * self.per_wheelbase - then.gain,
+            north,
+            east,
+            lever: l1 * l1 + right * right,
+        });
         self.heading_known = true;
         self.outliers = 0;
+        self.habits.restart();
+        self.shown = Shown::nothing();
     }
 
     /// Variance of the direction of the velocity `north`, `east` (m/s), rad^2.
@@ -762,17 +1028,8 @@ impl<T: Scalar> Estimator<T> {
         let lever_east = l1 * sine + right * cosine;
         let back = angles.heading.near(then.middle);
         let (way_north, way_east) = (since.way * back.cosine, since.way * back.sine);
-        let half = T::lit(0.5);
-        // Derivatives of the antenna's northing and easting then with respect to heading and
-        // steering angle now.
-        let north_row = [
-            way_east - lever_east,
-            (lever_east - way_east * half) * then.gain,
-        ];
-        let east_row = [
-            lever_north - way_north,
-            (way_north * half - lever_north) * then.gain,
-        ];
+        let [north_row, east_row] =
+            rows([lever_north, lever_east], [way_north, way_east], then.gain);
         let north_innovation = north - (self.state[NORTH] - way_north + lever_north);
         let east_innovation = east - (self.state[EAST] - way_east + lever_east);
 
@@ -781,6 +1038,7 @@ impl<T: Scalar> Estimator<T> {
         let north_spread = seen_by(&north_cross, NORTH, north_row) + variance;
         let east_cross = shown(&columns[EAST], east_row, &columns);
         let east_spread = seen_by(&east_cross, EAST, east_row) + variance;
+        self.antenna = north_spread + east_spread - T::lit(2.0) * variance;
         // Test both axes before using either.
         let gate = T::lit(GATE);
         if !(north_innovation * north_innovation <= gate * north_spread
@@ -789,13 +1047,15 @@ impl<T: Scalar> Estimator<T> {
             return false;
         }
         let (inverse, change) = self.correct(&north_cross, north_spread, north_innovation);
+        self.shown.north = Some((north_cross, inverse, north_row));
         // The first correction changes what the second one sees. All of that follows from the
         // covariance of the two measurements, without the corrected matrix.
         let both = seen_by(&north_cross, EAST, east_row);
         let share = both * inverse;
         let east_cross = combined(&east_cross, -share, &north_cross);
         let east_spread = east_spread - share * both;
-        self.correct(&east_cross, east_spread, east_innovation - both * change);
+        let (inverse, _) = self.correct(&east_cross, east_spread, east_innovation - both * change);
+        self.shown.east = Some((east_cross, inverse, east_row));
         true
     }
 
@@ -813,7 +1073,8 @@ impl<T: Scalar> Estimator<T> {
             (across * forward - along * sideways).angle_of(along * forward + across * sideways);
         let innovation = wrap_angle(error - self.state[HEADING_BIAS]);
 
-        let steering_gain = self.derived.lead - then.gain;
+        let arm = self.settings.geometry.l1 * self.per_wheelbase;
+        let steering_gain = arm - then.gain;
         let [_, _, heading, steering, bias, _] = self.covariance.columns();
         let sum = combined(&heading, T::one(), &bias);
         let cross = combined(&sum, steering_gain, &steering);
@@ -823,6 +1084,19 @@ impl<T: Scalar> Estimator<T> {
             + self.course_variance((north, east));
         if innovation * innovation <= T::lit(GATE) * spread {
             self.pending = self.shift(&cross, spread, innovation).map(|(it, _)| it);
+            if let Some(last) = &self.pending {
+                let tangent = angles.wheels.near(then.steering_angle).tangent;
+                self.shown.course = Some(Course {
+                    cross,
+                    inverse: last.inverse,
+                    innovation,
+                    steering: steering_gain,
+                    lead: arm * tangent,
+                    // The course turns with the heading and with the lead of the antenna.
+                    turning: self.speed * self.per_wheelbase * tangent
+                        + arm * since.turned * self.per_delay,
+                });
+            }
         }
     }
 
@@ -890,6 +1164,21 @@ fn combined<T: Scalar>(first: &[T; STATES], factor: T, second: &[T; STATES]) -> 
     core::array::from_fn(|state| first[state] + factor * second[state])
 }
 
+/// Derivatives of the antenna's northing and easting when they were measured with respect to heading and steering angle
+/// now, with the `lever` from the rear axle to it and the `way` since then, m north and east.
+#[inline(always)]
+fn rows<T: Scalar>(lever: [T; 2], way: [T; 2], gain: T) -> [[T; 2]; 2] {
+    let half = T::lit(0.5);
+    let ([lever_north, lever_east], [way_north, way_east]) = (lever, way);
+    [
+        [way_east - lever_east, (lever_east - way_east * half) * gain],
+        [
+            lever_north - way_north,
+            (way_north * half - lever_north) * gain,
+        ],
+    ]
+}
+
 /// Covariances of the states with a measurement of the state whose column is `own`, which depends
 /// on heading and steering angle, too, with the derivatives `row`.
 #[inline(always)]
@@ -921,11 +1210,7 @@ impl<T: Scalar> Angles<T> {
     fn zero() -> Self {
         let zero = T::zero();
         Self {
-            heading: Direction {
-                angle: zero,
-                sine: zero,
-                cosine: T::one(),
-            },
+            heading: Direction::north(),
             wheels: Wheels {
                 angle: zero,
                 tangent: zero,
@@ -966,12 +1251,63 @@ impl<T: Scalar> Curve<T> {
     }
 }
 
+/// What a prediction changed.
+#[derive(Clone, Copy, Debug)]
+struct Moved<T> {
+    /// The steering angle, rad.
+    turned: T,
+    /// The speed, m/s.
+    gained: T,
+}
+
+impl<T: Scalar> Moved<T> {
+    fn none() -> Self {
+        Self {
+            turned: T::zero(),
+            gained: T::zero(),
+        }
+    }
+}
+
+/// How a quantity has changed since the GPS data were measured.
+#[derive(Clone, Copy, Debug)]
+struct Change<T> {
+    /// By how much.
+    sum: T,
+    /// The integral over that time of what was still to come, in its unit times seconds.
+    moment: T,
+}
+
+/// The changes since the GPS data were measured.
+#[derive(Clone, Copy, Debug)]
+struct Back<T> {
+    /// Of the steering angle, rad.
+    turned: Change<T>,
+    /// Of the speed, m/s.
+    gained: Change<T>,
+}
+
+impl<T: Scalar> Back<T> {
+    fn none() -> Self {
+        let none = Change {
+            sum: T::zero(),
+            moment: T::zero(),
+        };
+        Self {
+            turned: none,
+            gained: none,
+        }
+    }
+}
+
 /// The motion since the GPS data were measured.
 struct Since<T> {
     /// Distance driven, m.
     way: T,
-    /// Half of the angle by which the steering turned, rad.
-    half_turned: T,
+    /// The angle by which the steering turned, rad.
+    turned: T,
+    /// The angle by which it has turned since on average over that time, rad.
+    middle: T,
     curve: Curve<T>,
 }
 

@@ -36,6 +36,7 @@ pub mod estimator;
 pub mod feedback;
 pub mod fence;
 pub mod guidance;
+pub mod habits;
 pub mod hold;
 pub mod kalman;
 pub mod line;
@@ -56,6 +57,7 @@ pub mod safety;
 pub mod scalar;
 pub mod schedule;
 pub mod takeover;
+pub mod tilt;
 pub mod turn;
 pub mod vehicle;
 

@@ -44,7 +44,8 @@ pub enum Request {
 /// Conditions of the vehicle on which transitions depend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Conditions {
-    /// The receiver has an RTK-fixed solution and its position is recent.
+    /// The receiver has an RTK-fixed solution and its position is recent, or dead reckoning
+    /// bridges a moment without one.
     pub fixed_solution: bool,
     /// The hard-wired emergency stop loop is open, or a stop button is held.
     pub stop_loop_open: bool,

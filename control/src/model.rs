@@ -39,9 +39,9 @@ pub struct Geometry<T> {
 pub struct Antenna<T> {
     /// Distance to the right of the centre line, m; negative to the left.
     pub right: T,
-    /// Height above the ground, m. Roll and pitch move a high antenna
-    /// sideways; correcting that takes an inertial sensor, so no arithmetic
-    /// uses the height yet.
+    /// Height above the ground, m. Roll and pitch move a high antenna beside its
+    /// place; the height counts where an inertial sensor measures them
+    /// ([`crate::tilt`]).
     pub height: T,
 }
 

@@ -22,6 +22,10 @@ pub const GAINS: [f64; 3] = [
 /// Speed up to which the velocity vector is too noisy to give a heading, m/s.
 const HEADING_SPEED: f64 = 0.2;
 
+/// Oldest position by which the law drives, s. It has no dead reckoning, so it cannot go on without positions for as long as
+/// the settings let an estimator.
+const OLDEST: f64 = 0.5;
+
 /// The law and its state.
 ///
 /// It can replace [`crate::controller::Controller`] in a node. Of the settings it
@@ -45,13 +49,14 @@ impl<T: Scalar> PlainController<T> {
     /// [`SettingsError`] names the setting that is unusable.
     pub fn new(gains: [T; 3], settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
         settings.check()?;
+        let oldest = settings.stale_after.min(T::lit(OLDEST));
         Ok(Self {
             gains,
             settings,
             line,
-            safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
+            safety: SafetyFilter::new(settings.limits, settings.slew, oldest),
             tracking: Tracking::default(),
-            position_age: settings.stale_after + T::one(),
+            position_age: oldest + T::one(),
         })
     }
 

@@ -57,6 +57,12 @@ pub trait Route<T: Scalar> {
         false
     }
 
+    /// The tightest curvature (1/m, not negative) from `progress` to `ahead` metres ahead of it, for a route that does not
+    /// plan its speed itself.
+    fn tightest(&self, _progress: &Progress<T>, _ahead: T) -> T {
+        T::zero()
+    }
+
     /// The largest speed (m/s, not negative) at `progress` when the vehicle travels at `speed` (m/s);
     /// `None` for the cruise speed of the settings.
     fn speed(&self, _progress: &Progress<T>, _speed: T) -> Option<T> {
@@ -96,6 +102,13 @@ impl<T: Scalar> Route<T> for Path<T> {
 
     fn advance(&self, progress: &mut Progress<T>, north: T, east: T) -> Place<T> {
         progress.advance(self, north, east)
+    }
+
+    fn tightest(&self, progress: &Progress<T>, ahead: T) -> T {
+        let &Progress { segment, along, .. } = progress;
+        // An arc that is shorter than a third of the way does not turn the vehicle much.
+        let at = |share: f64| self.curvature(segment, along + ahead * T::lit(share)).abs();
+        at(0.0).max(at(0.33)).max(at(0.67)).max(at(1.0))
     }
 
     fn bend(&self, progress: &Progress<T>, ahead: T, way: T) -> Bend<T> {

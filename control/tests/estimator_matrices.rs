@@ -7,6 +7,7 @@ mod example;
 mod matrices;
 
 use control::estimator::{Estimator, Observation};
+use control::habits::Expected;
 use control::model::{Antenna, Geometry};
 use control::position::{Position, Velocity};
 use control::scalar::{Scalar, wrap_angle};
@@ -59,7 +60,7 @@ struct Drive {
 
 fn drive() -> impl Strategy<Value = Drive> {
     (
-        (-0.5..1.0_f64, -0.4..0.4_f64, 0.0..0.15_f64),
+        (-0.5..1.0_f64, -0.4..0.4_f64, 0.0..0.25_f64),
         -3.1..3.1_f64,
         prop::collection::vec((event(), 1..15_usize), 5..25),
         (20..80_usize, -4.0..4.0_f64),
@@ -141,6 +142,11 @@ fn settings<T: Scalar>(drive: &Drive) -> control::estimator::EstimatorSettings<T
         height: T::zero(),
     };
     settings.gps_delay = T::lit(drive.delay);
+    // What is estimated beside the filter is not in the matrices.
+    settings.expected = Expected {
+        curvature: T::zero(),
+        age: T::zero(),
+    };
     settings
 }
 
@@ -168,6 +174,7 @@ proptest! {
                 found.steering_bias - state[5],
                 found.speed - matrices.speed,
                 estimator.effectiveness() - matrices.effectiveness,
+                estimator.drive() - matrices.drive(),
             ];
             worst.0 = differences.iter().fold(worst.0, |worst, it| worst.max(it.abs()));
             let covariance = (estimator.covariance() - matrices.covariance).amax();

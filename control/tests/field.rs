@@ -8,7 +8,7 @@ mod common;
 
 use common::field::{Field, mission_settings};
 use common::{Conditions, Plant};
-use control::controller::{Controller, Sample, Settings};
+use control::controller::{Controller, Settings};
 use control::dubins::Pose;
 use control::feedback::Limits;
 use control::mission::{
@@ -85,6 +85,7 @@ impl Task {
             origin: Position::new(0, 0),
             legs: &legs,
             fence: &fence,
+            obstacles: &[],
             end: End::Stop,
         };
         check(&plan, &wanted).unwrap();
@@ -175,14 +176,7 @@ impl<'a> Drive<'a> {
             steering_rate: self.applied.steering_rate as f32,
             speed: self.applied.speed as f32,
         };
-        let outcome = self.controller.step(&Sample {
-            position: Some(heard.position),
-            velocity: Some(heard.velocity),
-            steering_angle: Some(heard.steering_angle as f32),
-            applied,
-            engaged: true,
-            dt: period as f32,
-        });
+        let outcome = self.controller.step(&heard.sample(applied, period as f32));
         let departure = self.watch.step(&Response {
             applied,
             steering_angle: Some(heard.steering_angle as f32),
@@ -486,6 +480,7 @@ fn a_pause_in_a_pass() {
         origin: Position::new(0, 0),
         legs: &legs,
         fence: &[],
+        obstacles: &[],
         end: End::Stop,
     };
     let mut run = Drive::new(&task, settings, &plan, wanted, 5);
@@ -543,6 +538,7 @@ fn random(seed: u64) -> (Figures, Option<(f64, Departure)>) {
         origin: Position::new(0, 0),
         legs: &legs,
         fence: &[],
+        obstacles: &[],
         end: End::Stop,
     };
     check(&plan, &wanted).unwrap();
@@ -605,6 +601,7 @@ fn a_pass_is_approached() {
         origin: Position::new(0, 0),
         legs: &legs,
         fence: &fence,
+        obstacles: &[],
         end: End::Stop,
     };
     for (seed, north, east, heading) in [

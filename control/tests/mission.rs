@@ -4,10 +4,10 @@ mod common;
 
 use common::field::{Field, mission_settings};
 use control::dubins::Pose;
-use control::fence::{FenceError, Point};
+use control::fence::{FenceError, ObstacleError, Point, Room as _};
 use control::mission::{
     End, Fault, Join, Leg, Legs, Mission, MissionSettings, Outputs, PIECES, Pace, Piece, Planner,
-    Purpose, Section, Step, Stretch, Violation, check,
+    Purpose, Section, Step, Stretch, Violation, Yard, check,
 };
 use control::path::{Progress, Segment};
 use control::position::Position;
@@ -32,6 +32,7 @@ fn mission<'a>(legs: &'a [Leg<f64>], fence: &'a [Point<f64>]) -> Legs<'a, f64> {
         origin: Position::new(0, 0),
         legs,
         fence,
+        obstacles: &[],
         end: End::Stop,
     }
 }
@@ -49,6 +50,7 @@ fn a_field_is_sound() {
         origin: Position::new(0, 0),
         legs: &legs,
         fence: &fence,
+        obstacles: &[],
         end: End::Repeat,
     };
     let repeated = check(&plan, &single).unwrap();
@@ -72,6 +74,114 @@ fn the_top_speed_may_be_rounded() {
         fault: Fault::Speed,
     };
     assert_eq!(checked(1.001), Err(faulty));
+}
+
+/// The planner turns round an obstacle if it can, and the check refuses a leg or a turn that would touch one.
+#[test]
+fn obstacles_are_kept_clear_of() {
+    let (legs, fence) = (FIELD.legs(), FIELD.fence());
+    let around = |north: f64, east: f64| {
+        let corner = |n: f64, e: f64| Point {
+            north: north + n,
+            east: east + e,
+        };
+        [
+            corner(0.0, 0.0),
+            corner(0.5, 0.0),
+            corner(0.5, 0.5),
+            corner(0.0, 0.0),
+        ]
+    };
+    let found = |obstacle: &[Point<f64>]| {
+        let plan = Legs {
+            obstacles: obstacle,
+            ..mission(&legs, &fence)
+        };
+        check(&plan, &settings())
+    };
+    let on = |number: usize| {
+        let leg = &legs[number];
+        let middle = leg.part().pose(leg.start, 0.5 * leg.length);
+        around(middle.north, middle.east)
+    };
+    let fault = Fault::Obstacle;
+    for number in [0, 3] {
+        let expected = Err(Violation::Leg { number, fault });
+        assert_eq!(found(&on(number)), expected);
+    }
+    // Right ahead of the end of the second leg.
+    let end = legs[1].end();
+    let ahead = 1.7 * end.heading.cos();
+    let blocked = found(&around(end.north + ahead, end.east));
+    assert!(blocked.is_err(), "{blocked:?}");
+    let beside = found(&around(-100.0, 0.0)).unwrap();
+    assert_eq!(beside.turns, 5);
+    let open = found(&on(0)[..3]);
+    assert!(matches!(open, Err(Violation::Obstacles(_))), "{open:?}");
+}
+
+/// Paths keep a distance from the fence, so that a vehicle beside its path does not touch it.
+#[test]
+fn a_path_keeps_the_clearance() {
+    let (legs, fence) = (FIELD.legs(), FIELD.fence());
+    let judged = |clearance: f64| {
+        let settings = MissionSettings {
+            clearance,
+            ..settings()
+        };
+        check(&mission(&legs, &fence), &settings)
+    };
+    let (free, beside) = (judged(0.0).unwrap(), judged(0.1).unwrap());
+    assert_eq!((free.turns, beside.turns), (5, 5));
+    // The outer legs lie 9 m inside the fence.
+    let half_width = settings().footprint.half_width;
+    let outside = Violation::Leg {
+        number: 0,
+        fault: Fault::Outside,
+    };
+    assert_eq!(judged(9.01 - half_width), Err(outside));
+    assert_eq!(judged(-0.1), Err(Violation::Settings));
+}
+
+proptest! {
+    /// A straight leg is judged as a whole. It is the same as at every centimetre of it.
+    #[test]
+    fn a_straight_leg_is_free_if_all_of_it_is(
+        start in (-20.0_f64..20.0, -20.0_f64..20.0, -3.2_f64..3.2), length in 0.2_f64..40.0, reverse: bool,
+        corners in prop::collection::vec(5.0_f64..60.0, 4..9),
+        obstacle in (-30.0_f64..30.0, -30.0_f64..30.0, 0.05_f64..4.0)
+    ) {
+        let step = std::f64::consts::TAU / corners.len() as f64;
+        let fence: Vec<Point<f64>> = (0..)
+            .zip(&corners)
+            .map(|(index, far)| {
+                let (east, north) = (step * f64::from(index)).sin_cos();
+                Point { north: far * north, east: far * east }
+            })
+            .collect();
+        let (north, east, size) = obstacle;
+        let corner = |n: f64, e: f64| Point { north: north + n * size, east: east + e * size };
+        let obstacle = [corner(0.0, 0.0), corner(1.0, 0.3), corner(0.2, 1.0), corner(0.0, 0.0)];
+        let leg = Leg {
+            start: Pose { north: start.0, east: start.1, heading: start.2 },
+            length,
+            speed: 1.0,
+            reverse,
+            ..Leg::default()
+        };
+        let legs = [leg];
+        let plan = Legs { obstacles: &obstacle, ..mission(&legs, &fence) };
+        let judged = check(&plan, &settings()).is_ok();
+        let everywhere = |clearance: f64| {
+            let wider = MissionSettings { clearance, ..settings() };
+            let yard = Yard::of(&plan, &wider);
+            let steps = (length / 0.01) as usize;
+            (0..=steps).all(|at| yard.allows(&leg.part().pose(leg.start, 0.01 * at as f64)))
+                && yard.allows(&leg.end())
+        };
+        prop_assert!(!judged || everywhere(-1e-6));
+        prop_assert!(judged || !everywhere(0.01));
+    }
 }
 
 /// One fault in a leg is found, with its number.
@@ -222,6 +332,132 @@ fn missions_without_sense_are_refused() {
         found.to_string(),
         "leg 0: no turn to the next leg: there is no room for a turn"
     );
+}
+
+/// A polygon by north and east of its corners, m.
+type Shape = &'static [(f64, f64)];
+
+/// Polygons whose first side meets another one.
+const CROSSED: [Shape; 6] = [
+    // A bow tie and a star.
+    &[(-20., -20.), (20., 20.), (20., -20.), (-20., 20.)],
+    &[(30., 0.), (-24., 18.), (9., -28.), (9., 28.), (-24., -18.)],
+    // Twice the same corner, where the edge crosses itself.
+    &[
+        (-20., -20.),
+        (0., 9.),
+        (20., 20.),
+        (20., -20.),
+        (0., 9.),
+        (-20., 20.),
+    ],
+    // A corner on a side, and an end of a side on another one.
+    &[
+        (-20., -20.),
+        (20., -20.),
+        (20., 20.),
+        (0., -20.),
+        (-20., 20.),
+    ],
+    &[
+        (-20., -20.),
+        (20., -20.),
+        (20., 20.),
+        (20., -30.),
+        (-30., -30.),
+    ],
+    // There and back again on the last side.
+    &[
+        (-20., -20.),
+        (20., -20.),
+        (20., 20.),
+        (-20., 20.),
+        (-20., -40.),
+    ],
+];
+
+const SIMPLE: [Shape; 3] = [
+    &[(-20., -20.), (20., -20.), (20., 20.), (-20., 20.)],
+    // A notch, and sides that continue each other.
+    &[
+        (-20., -20.),
+        (-10., -20.),
+        (20., -20.),
+        (20., 20.),
+        (9., 20.),
+        (9., 3.),
+        (8., 3.),
+        (8., 20.),
+        (-20., 20.),
+        (-20., 10.),
+        (-20., 0.),
+    ],
+    // Corners nearly in line on a slanted side.
+    &[
+        (-30., -30.1),
+        (-9.7, -10.3),
+        (10.1, 9.013),
+        (31., 29.4),
+        (60., -30.),
+    ],
+];
+
+/// Sides of a polygon that meet leave no clear inside.
+#[test]
+fn fences_and_obstacles_that_cross_themselves_are_refused() {
+    let legs = [Leg {
+        start: Pose {
+            north: 13.0,
+            ..Pose::default()
+        },
+        length: 2.0,
+        speed: 1.0,
+        ..Leg::default()
+    }];
+    let corners = |places: &[(f64, f64)]| -> Vec<Point<f64>> {
+        let point = |&(north, east)| Point { north, east };
+        places.iter().map(point).collect()
+    };
+    let crossed = CROSSED.map(|shape| (shape, Some(0)));
+    let simple = SIMPLE.map(|shape| (shape, None));
+    for (shape, side) in crossed.into_iter().chain(simple) {
+        let fence = corners(shape);
+        let expected = side.map(|side| Violation::Fence(FenceError::Crossing(side)));
+        let found = check(&mission(&legs, &fence), &settings()).err();
+        assert_eq!(found, expected, "{fence:?}");
+        // The same as an obstacle, far from the leg, behind another one.
+        let mut obstacles = corners(&[(70.0, 0.0), (71.0, 0.0), (71.0, 1.0), (70.0, 0.0)]);
+        let moved = fence.iter().chain(fence.first());
+        obstacles.extend(moved.map(|corner| Point {
+            north: corner.north + 200.0,
+            ..*corner
+        }));
+        let plan = Legs {
+            obstacles: &obstacles,
+            ..mission(&legs, &[])
+        };
+        let expected = side.map(|side| Violation::Obstacles(ObstacleError::Crossing(4 + side)));
+        assert_eq!(check(&plan, &settings()).err(), expected, "{fence:?}");
+    }
+}
+
+/// The frame is the plane tangent to the earth at the base station.
+#[test]
+fn an_origin_far_from_the_base_station_is_refused() {
+    let legs = FIELD.legs();
+    let found = |north: i32, east: i32| {
+        let plan = Legs {
+            origin: Position::new(north, east),
+            ..mission(&legs, &[])
+        };
+        check(&plan, &settings()).err()
+    };
+    for far in [10_000_001, 2_000_000_000, i32::MAX, i32::MIN] {
+        assert_eq!(found(far, 0), Some(Violation::Origin));
+        assert_eq!(found(0, far), Some(Violation::Origin));
+        assert_eq!(found(-9, -far.saturating_abs()), Some(Violation::Origin));
+    }
+    assert_eq!(found(10_000_000, -10_000_000), None);
 }
 
 /// Follows the path of a mission exactly, for `metres`. Returns the numbers of the legs and how

@@ -14,7 +14,9 @@ const SETTINGS: ResponseSettings<f64> = ResponseSettings {
     },
     wheelbase: 1.1,
     antenna_ahead: 0.255,
+    antenna_right: 0.0,
     standstill: 0.2,
+    reach: 8.0,
 };
 
 /// A vehicle on its path that drives north at the commanded 1 m/s.
@@ -47,6 +49,36 @@ fn steering(rate: f64, angle: f64) -> Response<f64> {
         steering_angle: Some(angle.to_radians()),
         velocity: Some(Velocity::new(0, 0)),
         ..SOUND
+    }
+}
+
+/// In a bend an antenna far ahead of the rear axle is faster than that.
+#[test]
+fn an_antenna_far_ahead_may_be_faster() {
+    let settings = ResponseSettings {
+        antenna_ahead: 2.2,
+        ..SETTINGS
+    };
+    let angle = 40.0_f64.to_radians();
+    let bend = angle.tan() / settings.wheelbase;
+    let aside = (bend * settings.antenna_ahead).atan();
+    // By a factor of 1.95, more than the watch allows.
+    let speed = 2.0 / aside.cos();
+    let applied = Command {
+        steering_rate: 0.0,
+        speed: 2.0,
+    };
+    let mut watch = ResponseWatch::new(settings);
+    for step in 0..200 {
+        let course = 0.2 * f64::from(step) * bend + aside;
+        let (north, east) = (speed * course.cos(), speed * course.sin());
+        let seen = Response {
+            applied,
+            steering_angle: Some(angle),
+            velocity: Some(Velocity::new((north * 1e3) as i32, (east * 1e3) as i32)),
+            ..SOUND
+        };
+        assert_eq!(watch.step(&seen), None, "step {step}");
     }
 }
 

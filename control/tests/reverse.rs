@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Conditions, Plant};
-use control::controller::{Controller, Sample, Settings};
+use control::controller::{Controller, Settings};
 use control::dubins::Pose;
 use control::mission::{Pace, Piece, Stretch};
 use control::position::Position;
@@ -86,14 +86,7 @@ fn back(
             steering_rate: applied.steering_rate as f32,
             speed: applied.speed as f32,
         };
-        let outcome = controller.step(&Sample {
-            position: Some(heard.position),
-            velocity: Some(heard.velocity),
-            steering_angle: Some(heard.steering_angle as f32),
-            applied: command,
-            engaged: true,
-            dt: vehicle.period as f32,
-        });
+        let outcome = controller.step(&heard.sample(command, vehicle.period as f32));
         let departure = watch.step(&Response {
             applied: command,
             steering_angle: Some(heard.steering_angle as f32),

@@ -2,7 +2,9 @@
 //! stay inside their room.
 
 use control::dubins::Pose;
-use control::fence::{Fence, FenceError, Footprint, Headland, Point, Room};
+use control::fence::{
+    Fence, FenceError, Footprint, Headland, ObstacleError, Obstacles, Point, Room, Sides,
+};
 use control::reeds_shepp;
 use control::scalar::Scalar;
 use control::turn::{Kind, Part, Turn, TurnError, TurnPlan, TurnSettings};
@@ -417,9 +419,156 @@ fn fences_keep_the_whole_vehicle_in() {
         },
     ];
     assert_eq!(Fence::new(&lost, footprint), Err(FenceError::Corner(2)));
+    // The squares of such coordinates are infinite in single precision, and no edge would be near.
+    let far = [(-1e19, 0.5), (1e19, 0.5), (0.0, 9.0)].map(|(north, east)| Point { north, east });
+    let ground = Footprint::<f32>::default();
+    assert_eq!(Fence::new(&far, ground), Err(FenceError::Corner(0)));
+    let closed = [far[2], far[1], far[0], far[2]];
+    assert_eq!(
+        Obstacles::new(&closed, ground),
+        Err(ObstacleError::Corner(1))
+    );
+}
+
+/// Each ring with its first corner again at its end.
+fn rings<const N: usize>(rings: [&[Point<f64>]; N]) -> Vec<Point<f64>> {
+    let closed = rings
+        .into_iter()
+        .flat_map(|ring| ring.iter().chain(ring.first()));
+    closed.copied().collect()
+}
+
+#[test]
+fn obstacles_keep_the_whole_vehicle_out() {
+    let footprint = Footprint {
+        half_width: 1.0,
+        ahead: 2.0,
+        behind: 0.5,
+    };
+    let moved = SQUARE.map(|corner| Point {
+        east: corner.east + 13.0,
+        ..corner
+    });
+    let corners = rings([&SQUARE, &moved]);
+    let obstacles = Obstacles::new(corners.as_slice(), footprint).unwrap();
+    let at = |north: f64, east: f64, degrees: f64| {
+        obstacles.allows(&Pose {
+            north,
+            east,
+            heading: degrees.to_radians(),
+        })
+    };
+    assert!(!at(5.0, 5.0, 0.0) && !at(5.0, 18.0, 0.0), "inside");
+    assert!(at(-3.1, 5.0, 0.0) && !at(-2.9, 5.0, 0.0), "the front");
+    assert!(at(5.0, -1.1, 0.0) && !at(5.0, -0.9, 0.0), "the side");
+    assert!(at(11.6, 5.0, 0.0) && !at(11.4, 5.0, 0.0), "the rear");
+    assert!(at(5.0, 11.5, 0.0), "between two of them");
+    assert!(!at(5.0, 11.5, 90.0), "across the gap between them");
+    assert!(
+        Obstacles::new(&[], footprint)
+            .unwrap()
+            .allows(&Pose::default())
+    );
+    // A pole below the vehicle.
+    let pole = SQUARE.map(|corner| Point {
+        north: 0.5 + 1e-3 * corner.north,
+        east: 1e-3 * corner.east,
+    });
+    let pole = rings([&pole]);
+    let obstacles = Obstacles::new(pole.as_slice(), footprint).unwrap();
+    assert!(!obstacles.allows(&Pose::default()));
+}
+
+#[test]
+fn ground_reaches_about_a_point_of_the_vehicle() {
+    let footprint = Footprint {
+        half_width: 1.0,
+        ahead: 2.0,
+        behind: 0.5,
+    };
+    let cases = [
+        ((0.3, 0.0), 1.0),
+        ((2.0, -0.4), 0.6),
+        ((-1.1, 0.0), 0.4),
+        ((2.3, 0.4), 0.5),
+        ((3.1, 0.0), 0.0),
+        ((0.0, 1.5), 0.0),
+    ];
+    for ((ahead, right), reach) in cases {
+        let found: f64 = footprint.reach_about(ahead, right);
+        assert!((found - reach).abs() < 1e-12, "{ahead} {right}: {found}");
+    }
+}
+
+#[test]
+fn obstacles_are_polygons() {
+    let found = |corners: &[Point<f64>]| Obstacles::new(corners, Footprint::default()).err();
+    assert_eq!(found(&rings([&SQUARE, &SQUARE[1..]])), None);
+    assert_eq!(found(&SQUARE), Some(ObstacleError::Open));
+    assert_eq!(
+        found(&rings([&SQUARE, &SQUARE[2..]])),
+        Some(ObstacleError::Open)
+    );
+    assert_eq!(found(&[SQUARE[0]; 65]), Some(ObstacleError::Corners(65)));
+    let mut lost = rings([&SQUARE]);
+    lost[2].east = f64::INFINITY;
+    assert_eq!(found(&lost), Some(ObstacleError::Corner(2)));
 }
 
 proptest! {
+    /// Where a fence lets a vehicle be, an obstacle of the same corners does not.
+    #[test]
+    fn an_obstacle_is_the_outside_of_a_fence(
+        north in -5.0_f64..15.0, east in -5.0_f64..15.0, heading in -3.2_f64..3.2
+    ) {
+        let footprint = Footprint { half_width: 0.4, ahead: 1.0, behind: 0.3 };
+        let pose = Pose { north, east, heading };
+        let fence = Fence::new(&SQUARE, footprint).unwrap().allows(&pose);
+        let corners = rings([&SQUARE]);
+        let obstacle = Obstacles::new(corners.as_slice(), footprint).unwrap().allows(&pose);
+        prop_assert!(!(fence && obstacle));
+        let far = |value: f64| !(-2.0..12.0).contains(&value);
+        prop_assert!(obstacle || !(far(north) || far(east)));
+    }
+
+    /// Against the place at which two lines meet, in whole numbers.
+    #[test]
+    fn sides_that_meet_are_found(places in prop::collection::vec((-3_i32..4, -3_i32..4), 3..8)) {
+        let count = places.len();
+        let side = |number: usize| [places[number], places[(number + 1) % count]];
+        let met = |one: usize, other: usize| {
+            let ([(an, ae), (bn, be)], [(cn, ce), (dn, de)]) = (side(one), side(other));
+            let ((n, e), (on, oe)) = ((bn - an, be - ae), (dn - cn, de - ce));
+            let whole = n * oe - e * on;
+            let neighbours = other == one + 1 || one == 0 && other + 1 == count;
+            if whole != 0 {
+                let along = [(cn - an) * oe - (ce - ae) * on, (cn - an) * e - (ce - ae) * n];
+                let within = along.iter().all(|part| (0..=whole.abs()).contains(&(part * whole.signum())));
+                return within && !neighbours;
+            }
+            if neighbours {
+                return n * on + e * oe < 0;
+            }
+            // Parallel, or points.
+            let on_line = |(n, e): (i32, i32)| (n - an) * (be - ae) == (e - ae) * (bn - an)
+                && (n - cn) * (de - ce) == (e - ce) * (dn - cn);
+            let between = |(n, e): (i32, i32), [(an, ae), (bn, be)]: [(i32, i32); 2]| {
+                (an.min(bn)..=an.max(bn)).contains(&n) && (ae.min(be)..=ae.max(be)).contains(&e)
+            };
+            [(an, ae), (bn, be), (cn, ce), (dn, de)]
+                .into_iter()
+                .any(|at| on_line(at) && between(at, side(one)) && between(at, side(other)))
+        };
+        let first = (0..count).find(|&one| (one + 1..count).any(|other| met(one, other)));
+        let corners: Vec<Point<f32>> = places
+            .iter()
+            .map(|&(north, east)| Point { north: north as f32, east: east as f32 })
+            .collect();
+        let mut sides = Sides::of_fence(count);
+        let found = std::iter::repeat_with(|| sides.step(corners.as_slice())).find_map(|told| told);
+        prop_assert_eq!(found, Some(first.map_or(Ok(()), Err)));
+    }
+
     /// Inside a convex fence by the distances from its edges.
     #[test]
     fn a_square_is_judged_by_its_edges(north in -2.0_f64..12.0, east in -2.0_f64..12.0) {

@@ -36,10 +36,14 @@ pub const fn receiver_patience(period: Micros) -> MillisDurationU32 {
     MillisDurationU32::millis(period.ticks() * 5 / 1000)
 }
 
-/// Control steps that may pass without a position while the reference says that the solution is
-/// fixed. One frame lost on the bus does not end a run; the second one does, as two missed
-/// periods stop the motors (thesis 6.2.4.4).
+/// Positions that may be missing while the reference says that the solution is fixed. One frame
+/// lost on the bus does not end a run; the second one does, as two missed periods stop the motors
+/// (thesis 6.2.4.4).
 pub const POSITION_PATIENCE: u8 = 2;
+
+/// Longest time without a fixed solution that a run goes on by dead reckoning, s, while velocities
+/// still come. Corrections from the base station are often late by less.
+pub const BRIDGED: f32 = 1.0;
 
 /// Time from the start of a reference until its node has taken it: the longest frame, 540 us at
 /// the boards' 250 kbit/s, its interrupt, and clocks that differ over two basic cycles.

@@ -31,6 +31,8 @@ pub trait Machine {
     const ROUTE: [Position; 2];
     /// Time between two control steps, s: the basic cycle.
     const PERIOD: f32;
+    /// Time from one position of the receiver to the next, s.
+    const INTERVAL: f32;
     /// The settings of the control law.
     const SETTINGS: Settings<f32>;
     /// The law that steers.

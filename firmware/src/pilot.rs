@@ -137,6 +137,10 @@ pub enum Reason {
     Joystick,
     /// The planner that led the run sends no commands any more.
     NoCommands,
+    /// The vehicle is out of the fence of its mission, or touches an obstacle.
+    Fence,
+    /// The vehicle is too far from the origin of its mission.
+    FarOff,
 }
 
 impl Reason {
@@ -171,6 +175,8 @@ impl Reason {
             Self::NoHeading => "no heading",
             Self::Joystick => "joystick",
             Self::NoCommands => "no commands",
+            Self::Fence => "fence",
+            Self::FarOff => "far off",
         }
     }
 }
@@ -208,6 +214,9 @@ pub struct Pilot<M: Machine> {
     pot: u16,
     pot_missing: u8,
     position_missing: u8,
+    velocity_missing: u8,
+    /// Steps since the solution was fixed.
+    unfixed: u8,
     request: Request,
     request_reason: Reason,
     /// The request stands for two presses of the button.
@@ -224,6 +233,8 @@ pub struct Pilot<M: Machine> {
     watch: ResponseWatch<f32>,
     response: Option<Response<f32>>,
     departure: Option<Departure>,
+    /// Why the vehicle must not drive by itself where it is.
+    strays: Option<Reason>,
     /// Steps for which the joystick has been moved in an autonomous run.
     joystick_moved: u8,
     steps: u32,
@@ -231,6 +242,18 @@ pub struct Pilot<M: Machine> {
 }
 
 impl<M: Machine> Pilot<M> {
+    /// Steps from one position to the next, and half a step.
+    const STEPS: f32 = M::INTERVAL / M::PERIOD + 0.5;
+    /// Steps without a position, or without a velocity, from which on they are missing.
+    const PATIENCE: u8 = design::POSITION_PATIENCE
+        * if Self::STEPS < 1.5 {
+            1
+        } else {
+            Self::STEPS as u8
+        };
+    /// Steps without a fixed solution that a run goes on.
+    const BRIDGED: u8 = (design::BRIDGED / M::PERIOD + 0.5) as u8;
+
     /// A pilot in idle, for the machine and its route.
     ///
     /// # Errors
@@ -249,7 +272,9 @@ impl<M: Machine> Pilot<M> {
             position: Position::new(0, 0),
             pot: 0,
             pot_missing: POT_PATIENCE,
-            position_missing: design::POSITION_PATIENCE,
+            position_missing: Self::PATIENCE,
+            velocity_missing: Self::PATIENCE,
+            unfixed: u8::MAX,
             request: Request::None,
             request_reason: Reason::StartUp,
             twice: false,
@@ -261,6 +286,7 @@ impl<M: Machine> Pilot<M> {
             watch: ResponseWatch::new(ResponseSettings::of(&M::SETTINGS)),
             response: None,
             departure: None,
+            strays: None,
             joystick_moved: 0,
             steps: 0,
             machine: PhantomData,
@@ -319,7 +345,15 @@ impl<M: Machine> Pilot<M> {
             }
             None => self.position_missing = self.position_missing.saturating_add(1),
         }
-        self.fixed = inputs.fixed && self.position_missing < design::POSITION_PATIENCE;
+        self.velocity_missing = match inputs.velocity {
+            Some(_) => 0,
+            None => self.velocity_missing.saturating_add(1),
+        };
+        self.fixed = inputs.fixed && self.position_missing < Self::PATIENCE;
+        self.unfixed = match self.fixed {
+            true => 0,
+            false => self.unfixed.saturating_add(1),
+        };
         let lead = self.guide.step(&Known {
             mode: self.modes.mode(),
             fixed: self.fixed,
@@ -368,7 +402,11 @@ impl<M: Machine> Pilot<M> {
         };
         self.control_input = outcome.proposed.map_or(0.0, |own| own.steering_rate);
         self.response = (mode == Mode::AutonomousRun).then_some(Response {
-            applied,
+            // A drive that is known to be slow moves the vehicle at this share of its command.
+            applied: safety::Command {
+                speed: applied.speed * self.controller.drive(),
+                ..applied
+            },
             steering_angle,
             velocity: inputs.velocity,
             cross_track: (!by_other(lead) && self.controller.has_path())
@@ -421,17 +459,25 @@ impl<M: Machine> Pilot<M> {
         let departure = self.departure.filter(|_| previous == Mode::AutonomousRun);
         let sound = Conditions {
             // Rows only go on with a run: they do not lead before it.
-            fixed_solution: (self.fixed && lead != Lead::Nobody) || by_other(lead),
+            fixed_solution: (self.fixed && lead != Lead::Nobody)
+                || by_other(lead)
+                || (lead == Lead::Satellites && self.is_bridged(inputs)),
             stop_loop_open: buttons.is_pressed(Button::StopLoop),
             fault: false,
         };
         // A fault counts while the vehicle drives, and when it is about to. It stays until the
         // operator releases it.
         let twice = core::mem::take(&mut self.twice);
+        let next = mode::next(previous, request, sound);
         let driving = |mode: Mode| mode.source() != Source::Still;
+        // An operator may drive it back by the joystick.
+        let by_itself = |mode: Mode| mode.source() == Source::Law;
+        let begins = by_itself(next) || (twice && sound.fixed_solution);
+        let strays = self.strays.filter(|_| begins || by_itself(previous));
         let conditions = Conditions {
-            fault: (twice || driving(previous) || driving(mode::next(previous, request, sound)))
-                && (blind || !inputs.in_schedule || !inputs.may_move || departure.is_some()),
+            fault: strays.is_some()
+                || (twice || driving(previous) || driving(next))
+                    && (blind || !inputs.in_schedule || !inputs.may_move || departure.is_some()),
             ..sound
         };
         let mut mode = self.modes.step(request, conditions);
@@ -454,6 +500,8 @@ impl<M: Machine> Pilot<M> {
             Reason::MasterLost
         } else if conditions.fault && blind {
             Reason::NodeFault
+        } else if let Some(reason) = strays {
+            reason
         } else if let (true, Some(departure)) = (conditions.fault, departure) {
             Reason::of(departure)
         } else if conditions.fault {
@@ -470,6 +518,16 @@ impl<M: Machine> Pilot<M> {
             mode,
             reason: self.mode_reason,
         })
+    }
+
+    /// Whether a run goes on by dead reckoning for a moment in which the receiver has no fixed solution. Its velocities
+    /// must still come, and the place be known well. Positions that are lost on the bus are not bridged.
+    fn is_bridged(&self, inputs: &Inputs) -> bool {
+        self.modes.mode() == Mode::AutonomousRun
+            && !inputs.fixed
+            && self.unfixed <= Self::BRIDGED
+            && self.velocity_missing < Self::PATIENCE
+            && self.controller.is_placed()
     }
 
     /// Whether the operator has moved the joystick in an autonomous run, to end it.
@@ -492,6 +550,16 @@ impl<M: Machine> Pilot<M> {
     /// The same, for its messages.
     pub const fn guide_mut(&mut self) -> &mut M::Guide {
         &mut self.guide
+    }
+
+    /// Says why the vehicle must not drive by itself where it is, if so. From the next step on no run begins or goes on there.
+    pub const fn set_strays(&mut self, strays: Option<Reason>) {
+        self.strays = strays;
+    }
+
+    /// Whether the positions of the receiver are good.
+    pub const fn is_fixed(&self) -> bool {
+        self.fixed
     }
 
     /// The law that steers.

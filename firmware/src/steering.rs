@@ -48,6 +48,16 @@ pub trait Law: Sized + Clone + Debug {
     /// The real steering rate as a share of the commanded one, as far as the law estimates it.
     fn effectiveness(&self) -> f32;
 
+    /// The real speed as a share of the commanded one, as far as the law estimates it.
+    fn drive(&self) -> f32 {
+        1.0
+    }
+
+    /// Whether the law knows the place well enough to go on for a moment without positions.
+    fn is_placed(&self) -> bool {
+        false
+    }
+
     /// Whether there is a path to be on. While there is none, the vehicle stands.
     fn has_path(&self) -> bool {
         true
@@ -79,6 +89,14 @@ impl Law for Furrow {
 
     fn effectiveness(&self) -> f32 {
         Self::effectiveness(self)
+    }
+
+    fn drive(&self) -> f32 {
+        Self::drive(self)
+    }
+
+    fn is_placed(&self) -> bool {
+        Self::is_placed(self)
     }
 }
 
@@ -113,6 +131,14 @@ impl Law for Mission {
 
     fn effectiveness(&self) -> f32 {
         Self::effectiveness(self)
+    }
+
+    fn drive(&self) -> f32 {
+        Self::drive(self)
+    }
+
+    fn is_placed(&self) -> bool {
+        Self::is_placed(self)
     }
 }
 

@@ -46,10 +46,19 @@ pub fn images() -> &'static Images {
 /// When a value is not accepted or an image does not build; the message says why.
 #[must_use]
 pub fn with(set: &str) -> (Vehicle, Images) {
+    of("uagv", set)
+}
+
+/// The same for another vehicle.
+///
+/// # Panics
+/// As [`with`], or there is no such vehicle.
+#[must_use]
+pub fn of(name: &str, set: &str) -> (Vehicle, Images) {
     let build = || {
         let workspace = xtask::Workspace::find()?;
         let set = Overrides::parse(set).expect("values of the manifest");
-        let vehicle = xtask::vehicle::with(&workspace, "uagv", &set)?;
+        let vehicle = xtask::vehicle::with(&workspace, name, &set)?;
         let nodes: Vec<_> = vehicle.nodes().collect();
         let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
         Ok((vehicle, xtask::build::read(&images)?))

@@ -9,7 +9,10 @@ use std::{
 use serde_json::Value;
 
 use parts::Sled;
-use vehicle_model::{NodeIndex, Vehicle, build::OVERRIDES};
+use vehicle_model::{
+    NodeIndex, Vehicle,
+    build::{OVERRIDES, VARIANT},
+};
 
 use crate::{
     Failure, ReadError, Workspace, audit,
@@ -192,6 +195,10 @@ pub(crate) fn with_features(
     match vehicle.overrides() {
         none if none.is_empty() => cargo.env_remove(OVERRIDES),
         overrides => cargo.env(OVERRIDES, overrides.environment()),
+    };
+    match vehicle.variant_of() {
+        None => cargo.env_remove(VARIANT),
+        Some(_) => cargo.env(VARIANT, vehicle.name()),
     };
     cargo.args(["--features", vehicle::board(vehicle, node).name]);
     if vehicle.manifest().guidance_by_rows().is_some() {

@@ -311,7 +311,9 @@ pub struct Selftest {
     cargo xtask new vehicle sprayer                two boards on a bench, without a machine\n  \
     cargo xtask new vehicle sprayer --like uagv    four nodes, a steered and driven machine\n  \
     cargo xtask new vehicle scout --like row-follower\n  \
-    \x20                                              three nodes, a robot between crop rows\n\n\
+    \x20                                              three nodes, a robot between crop rows\n  \
+    cargo xtask new vehicle sprayer --like uagv --variant\n  \
+    \x20                                              a machine of other numbers with the UAGV's nodes\n\n\
     The folder firmware/vehicles/NAME builds and runs at once; see firmware/PORTING.md for what\n\
     to do next.")]
 pub struct New {
@@ -324,6 +326,9 @@ pub struct New {
     /// Vehicle to copy, a folder below firmware/vehicles
     #[arg(long, value_name = "VEHICLE", default_value = SMALLEST)]
     pub like: String,
+    /// Copy the numbers of its machine only: nodes, network, tasks and scenarios stay those of --like
+    #[arg(long)]
+    pub variant: bool,
     /// Print folder and nodes as JSON
     #[arg(long)]
     pub json: bool,
@@ -793,7 +798,9 @@ pub struct FlashMission {
     cargo xtask mission new --from field.geojson --width 3 --section 1 --picture field.svg --out field.toml\n                                                               \
     \x20 swaths of 3 m in a field, with headland turns\n  \
     cargo xtask mission new --from guidance.csv --lines --out lines.toml\n                                                               \
-    \x20 a leg along each line, with turns between them\n\n\
+    \x20 a leg along each line, with turns between them\n  \
+    cargo xtask mission new --from farm.geojson --field \"North\" --origin 40.83,-96.66,330 --rounds last --out north.toml\n                                                               \
+    \x20 one field of several, for the base station there, its headland too\n\n\
     GeoJSON, CSV with headings, the folder of an AgOpenGPS field, ISOXML (TASKDATA.XML or its folder);\n\
     xtask/mission/MISSIONS.md says what is read of them and what a mission file is.")]
 pub struct NewMission {
@@ -806,15 +813,40 @@ pub struct NewMission {
     /// Replace the mission file if it is there
     #[arg(long)]
     pub force: bool,
-    /// Take the lines of the file instead of dividing its first field
+    /// Take the lines of the file instead of dividing a field; a boundary round them becomes the fence
     #[arg(long, requires = "from")]
     pub lines: bool,
+    /// With --lines: leave the boundary out, so there is no fence
+    #[arg(long, requires = "lines")]
+    pub no_fence: bool,
+    /// With --lines: drive each line in the direction of the file [default: turned round if the way to it is shorter]
+    #[arg(long, requires = "lines")]
+    pub keep_directions: bool,
+    /// With --lines: make the points of curves even first, which have noise of this standard deviation, m
+    #[arg(long, value_name = "M", value_parser = metres, requires = "lines")]
+    pub noise: Option<f64>,
+    /// Field to divide, by its name in the file [default: the first one]
+    #[arg(long, value_name = "NAME", requires = "from")]
+    pub field: Option<String>,
     /// Working width, m: the distance between swaths
     #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = metres)]
     pub width: f64,
-    /// Width of the headland, m [default: twice the working width]
-    #[arg(long, value_name = "M", value_parser = metres, requires = "from", conflicts_with = "lines")]
+    /// Width of the headland, m; lines of which a file has only a beginning and a direction end there
+    /// [default: twice the working width]
+    #[arg(long, value_name = "M", value_parser = metres, requires = "from")]
     pub headland: Option<f64>,
+    /// Work the headland, too, in rounds along the edge and round every hole, before or after the swaths [default: not]
+    #[arg(long, value_name = "WHEN", requires = "from", conflicts_with = "lines")]
+    pub rounds: Option<Rounds>,
+    /// Where swaths end: where their middle or all of their width has left the inner area
+    #[arg(
+        long,
+        value_name = "WHERE",
+        default_value = "whole",
+        requires = "from",
+        conflicts_with = "lines"
+    )]
+    pub ends: SwathEnds,
     /// Direction of the swaths, degrees clockwise from north [default: the one with the fewest swaths]
     #[arg(long, value_name = "DEG", value_parser = degrees, allow_hyphen_values = true, requires = "from",
         conflicts_with = "lines")]
@@ -828,8 +860,9 @@ pub struct NewMission {
     /// Section of the implement that works there, 1 to 8; may be given again for another one
     #[arg(long, value_name = "N", requires = "from")]
     pub section: Vec<u8>,
-    /// The base station: LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,HEIGHT, degrees and metres [default: what the file
-    /// measures from, or else where its first shape begins]
+    /// The antenna of the vehicle's base station, from which all metres count: LATITUDE,LONGITUDE or
+    /// LATITUDE,LONGITUDE,HEIGHT, degrees and metres [default: what the file measures from, or else where its first shape
+    /// begins, which is right on the virtual vehicle only]
     #[arg(long, value_name = "PLACE", value_parser = crate::mission::origin_of, allow_hyphen_values = true)]
     pub origin: Option<mission::place::Origin>,
     /// Name of the mission [default: that of the field]
@@ -843,16 +876,37 @@ pub struct NewMission {
     pub vehicle: String,
 }
 
+/// When the headland of a field is worked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Rounds {
+    /// Before the swaths.
+    First,
+    /// After the swaths.
+    Last,
+}
+
+/// Where the swaths of a field end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum SwathEnds {
+    /// Where their middle leaves the inner area.
+    Middle,
+    /// Where all of their width has left it.
+    Whole,
+}
+
 /// Options of `mission check`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask mission check field.toml --picture field.svg\n  \
-    cargo xtask mission check field.toml --json\n\n\
+    cargo xtask mission check field.toml --set mission.width=\"2 m\" --json\n\n\
     The check is the one that the vehicle makes of a mission before it drives it.")]
 pub struct CheckMission {
     /// The mission file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Draw it from above, with its curvature
     #[arg(long, value_name = "SVG")]
     pub picture: Option<PathBuf>,

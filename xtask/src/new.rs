@@ -10,6 +10,8 @@ use vehicle_model::Vehicle;
 
 use crate::{Failure, Workspace, cli::New, vehicle};
 
+pub mod variant;
+
 /// Why no vehicle is made.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -31,6 +33,25 @@ pub enum Error {
         #[source]
         error: io::Error,
     },
+    /// A variant has nothing to copy but numbers.
+    #[error(
+        "--like {model}: it is a variant of {of} and has no nodes of its own: --like {of} is accepted"
+    )]
+    Variant {
+        /// Its name.
+        model: String,
+        /// The vehicle that has the nodes.
+        of: String,
+    },
+    /// There are no numbers in which a variant could differ.
+    #[error(
+        "{model} has no machine whose numbers a variant could have: --like uagv or another vehicle with [machine] \
+         or [rover] is accepted"
+    )]
+    NoMachine {
+        /// The vehicle.
+        model: String,
+    },
     /// The new folder cannot be written.
     #[error("{} cannot be written: {error}", folder.display())]
     Write {
@@ -45,7 +66,10 @@ pub enum Error {
 impl Error {
     /// Whether the command line or an input file is wrong.
     pub(crate) fn is_usage(&self) -> bool {
-        matches!(self, Self::Name { .. })
+        matches!(
+            self,
+            Self::Name { .. } | Self::Variant { .. } | Self::NoMachine { .. }
+        )
     }
 }
 
@@ -84,8 +108,9 @@ pub enum NameError {
 const LONGEST: usize = 24;
 /// Crates that every program has, beside those of the workspace.
 const BUILT_IN: [&str; 5] = ["alloc", "core", "proc-macro", "std", "test"];
-/// Folders of a vehicle that are not copied: its tests state facts about that one vehicle.
-const LEFT_OUT: [&str; 2] = ["target", "tests"];
+/// Folders of a vehicle that are not copied: its tests state facts about that one vehicle, and its variants are
+/// other vehicles.
+const LEFT_OUT: [&str; 3] = ["target", "tests", "variants"];
 
 /// Runs the command.
 ///
@@ -95,7 +120,17 @@ const LEFT_OUT: [&str; 2] = ["target", "tests"];
 /// folder cannot be read or written.
 pub fn run(workspace: &Workspace, options: &New) -> Result<(), Failure> {
     let model = vehicle::find(workspace, &options.like)?;
-    let vehicle = create(workspace, &model, &options.name)?;
+    if let Some(of) = model.variant_of() {
+        let (model, of) = (model.name().to_owned(), of.to_owned());
+        return Err(Error::Variant { model, of }.into());
+    }
+    let (vehicle, what) = match options.variant {
+        false => (create(workspace, &model, &options.name)?, "a copy"),
+        true => (
+            variant::create(workspace, &model, &options.name)?,
+            "a variant",
+        ),
+    };
     let nodes = vehicle::node_names(&vehicle);
     let folder = vehicle.folder();
     let shown = folder.strip_prefix(workspace.root()).unwrap_or(folder);
@@ -110,7 +145,7 @@ pub fn run(workspace: &Workspace, options: &New) -> Result<(), Failure> {
     } else {
         let name = vehicle.name();
         println!(
-            "Wrote {}, a copy of {} with the nodes {}.\n\n  \
+            "Wrote {}, {what} of {} with the nodes {}.\n\n  \
              cargo xtask build --vehicle {name}\n  \
              cargo xtask sim --vehicle {name}\n  \
              cargo xtask schedulability --vehicle {name}\n\n\
@@ -135,7 +170,8 @@ pub fn create(workspace: &Workspace, model: &Vehicle, name: &str) -> Result<Vehi
     };
     is_package_name(name).map_err(refused)?;
     let folder = workspace.vehicles().join(name);
-    if folder.exists() {
+    let names = vehicle::names(workspace)?;
+    if folder.exists() || names.iter().any(|other| other == name) {
         return Err(refused(NameError::Folder).into());
     }
     if packages(workspace).iter().any(|package| package == name) {
@@ -327,8 +363,13 @@ fn files(folder: &Path) -> io::Result<Vec<File>> {
 mod tests {
     use super::*;
 
+    /// The manifest of a vehicle.
+    pub(super) fn text_of(vehicle: &Vehicle) -> String {
+        fs::read_to_string(vehicle.manifest_file()).unwrap()
+    }
+
     /// A workspace with copies of the vehicles.
-    fn workspace() -> (tempfile::TempDir, Workspace) {
+    pub(super) fn workspace() -> (tempfile::TempDir, Workspace) {
         let folder = tempfile::tempdir().unwrap();
         let own = Workspace::find().unwrap();
         let workspace = Workspace::at(folder.path());

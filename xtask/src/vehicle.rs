@@ -201,7 +201,8 @@ pub fn node_names(vehicle: &Vehicle) -> Vec<String> {
 }
 
 /// The one vehicle that has a node of this name, and the node. `vehicle` names the vehicle when
-/// several have one. The vehicle has other values than its manifest, which may switch the node on.
+/// several have one; a variant is meant only when it is named. The vehicle has other values than its manifest,
+/// which may switch the node on.
 ///
 /// # Errors
 ///
@@ -228,6 +229,9 @@ pub fn with_node(
         let changed = with(workspace, &name, overrides);
         let refused = changed.is_err();
         let vehicle = changed.or_else(|_| find(workspace, &name))?;
+        if vehicle.variant_of().is_some() {
+            continue;
+        }
         known.push(format!("{} of {name}", node_names(&vehicle).join(", ")));
         if let Some(index) = vehicle.find_node(node) {
             having.push((vehicle, index, refused));
@@ -266,7 +270,7 @@ pub fn board(vehicle: &Vehicle, node: NodeIndex) -> &'static Sled {
 ///
 /// Its manifest cannot be read.
 pub fn package(vehicle: &Vehicle) -> Result<String, Error> {
-    let manifest = vehicle.folder().join("Cargo.toml");
+    let manifest = vehicle.crate_folder().join("Cargo.toml");
     let table = package_table(&manifest)?;
     let name = table
         .get("package")
@@ -295,7 +299,7 @@ fn package_table(manifest: &Path) -> Result<toml::Table, Error> {
 ///
 /// One is not, or the package cannot be read.
 pub fn check_boards(vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<(), Error> {
-    let table = package_table(&vehicle.folder().join("Cargo.toml"))?;
+    let table = package_table(&vehicle.crate_folder().join("Cargo.toml"))?;
     let programs = table.get("bin").and_then(toml::Value::as_array);
     for &node in nodes {
         let (name, board) = (&vehicle.node(node).name, board(vehicle, node).name);

@@ -9,7 +9,7 @@ use std::{
     process::{Command, ExitStatus, Stdio},
 };
 
-use vehicle_model::build::OVERRIDES;
+use vehicle_model::build::{OVERRIDES, VARIANT};
 
 /// What goes wrong with the workspace or a program that runs in it.
 #[derive(Debug, thiserror::Error)]
@@ -149,15 +149,17 @@ pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Error> {
     }
 }
 
-/// A command as one would type it, with the values in place of a manifest's.
+/// A command as one would type it, with the variant and the values in place of a manifest's.
 pub(crate) fn typed(command: &Command) -> String {
-    let mut values = command.get_envs().filter(|(name, _)| *name == OVERRIDES);
-    let set = values.find_map(|(_, value)| value);
-    let set = set.map(|value| format!("{OVERRIDES}={}", quoted(value)));
+    let set = [VARIANT, OVERRIDES].into_iter().filter_map(|wanted| {
+        let mut values = command.get_envs().filter(|(name, _)| *name == wanted);
+        let value = values.find_map(|(_, value)| value)?;
+        Some(format!("{wanted}={}", quoted(value)))
+    });
     // A program is typed by its name, wherever it was found.
     let program = Path::new(command.get_program());
     let program = program.file_name().unwrap_or(program.as_os_str());
-    let mut words: Vec<String> = set.into_iter().collect();
+    let mut words: Vec<String> = set.collect();
     words.push(program.to_string_lossy().into_owned());
     words.extend(command.get_args().map(quoted));
     words.join(" ")

@@ -233,3 +233,33 @@ fn a_manifest_stays_when_there_is_nothing_to_write() {
     );
     assert_eq!(fs::read_to_string(&path).unwrap(), before);
 }
+
+/// A variant gets the values of its own into its manifest; that of the other vehicle stays.
+#[test]
+fn the_manifest_of_a_variant_is_completed() {
+    let (folder, workspace) = copy();
+    let log = folder.path().join("bus.log");
+    fs::write(&log, DRIVE).unwrap();
+    let uagv = workspace.vehicles().join("uagv/vehicle.toml");
+    let variant = workspace.vehicles().join("uagv/variants/second");
+    fs::create_dir_all(&variant).unwrap();
+    let path = variant.join("vehicle.toml");
+    let text = "summary = \"a second one\"\n\n[machine.potentiometer]\n# As measured.\ncentre = \"2040 counts\"\n";
+    fs::write(&path, text).unwrap();
+    let before = fs::read_to_string(&uagv).unwrap();
+    let options = ["--vehicle", "second", "--write"];
+    assert_eq!(run(&workspace, &log, &options), "");
+    assert_eq!(fs::read_to_string(&uagv).unwrap(), before);
+    let after = fs::read_to_string(&path).unwrap();
+    assert!(after.contains("# As measured.\ncentre = \"20"), "{after}");
+    assert!(!after.contains("2040"), "{after}");
+    let machine = |name: &str| {
+        let vehicle = vehicle::find(&workspace, name).unwrap();
+        vehicle.manifest().machine.clone().unwrap()
+    };
+    let (second, first) = (machine("second"), machine("uagv"));
+    assert!((second.potentiometer.centre.get() - 2080.0).abs() < 6.0);
+    assert!((second.steering.left.full_rate.get().to_degrees() - 22.0).abs() < 0.4);
+    assert_eq!(second.steering.travel, first.steering.travel);
+    assert!((first.potentiometer.centre.get() - 2048.0).abs() < 1e-9);
+}

@@ -3,7 +3,8 @@
 use super::planner::{Yard, turn_between};
 use super::{Join, Leg, Mission, MissionSettings};
 use crate::dubins::Pose;
-use crate::fence::{Fence, FenceError, Room};
+use crate::fence::{Corners, Fence, FenceError, ObstacleError, Obstacles, Room, Sides};
+use crate::position::Position;
 use crate::scalar::{Scalar, wrap_angle};
 use crate::turn::{TurnError, TurnPlan};
 
@@ -15,6 +16,10 @@ pub const SHORTEST: f64 = 0.05;
 pub const LONGEST: f64 = 2000.0;
 /// Largest coordinate, m: up to there single precision keeps half a millimetre.
 pub const REACH: f64 = 4096.0;
+/// Largest distance of the origin to the north, south, east or west of the base station, mm. Positions count in the plane
+/// tangent to the earth there. So far away, its north is 0.1 deg off the local north at a latitude of 45 deg, and a
+/// baseline of a receiver with an error of 1 ppm is 1 cm wrong.
+pub const FARTHEST_ORIGIN: i32 = 10_000_000;
 /// Largest distance between the end of a leg and the beginning of the next one that continues
 /// it, m.
 pub const JOIN_POSITION: f64 = 0.01;
@@ -28,7 +33,7 @@ pub const JOIN_CURVATURE: f64 = 0.01;
 pub const WINDING: f64 = 8.0;
 
 /// Poses that a step compares with the fence.
-const POSES: usize = 8;
+const POSES: usize = 4;
 
 /// What is wrong with a leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +54,8 @@ pub enum Fault {
     Sharpness,
     /// The vehicle would leave the fence.
     Outside,
+    /// The vehicle would touch an obstacle.
+    Obstacle,
     /// The next leg begins elsewhere.
     JoinPosition,
     /// The next leg begins with another heading.
@@ -79,6 +86,7 @@ impl core::fmt::Display for Fault {
             Self::Curvature => f.write_str("its curvature is more than the vehicle can steer"),
             Self::Sharpness => f.write_str("its curvature changes faster than the steering"),
             Self::Outside => f.write_str("the vehicle would leave the fence"),
+            Self::Obstacle => f.write_str("the vehicle would touch an obstacle"),
             Self::JoinPosition => f.write_str("the next leg does not begin where it ends"),
             Self::JoinHeading => f.write_str("the next leg does not begin with its last heading"),
             Self::JoinCurvature => {
@@ -96,8 +104,12 @@ pub enum Violation {
     Settings,
     /// There are no legs, or more than [`LEGS`].
     Count(usize),
+    /// The origin is more than [`FARTHEST_ORIGIN`] north, south, east or west of the base station.
+    Origin,
     /// The fence is not usable.
     Fence(FenceError),
+    /// The obstacles are not usable.
+    Obstacles(ObstacleError),
     /// A leg.
     Leg {
         /// The leg, counted from zero.
@@ -112,7 +124,13 @@ impl core::fmt::Display for Violation {
         match self {
             Self::Settings => f.write_str("the vehicle's settings are not usable"),
             Self::Count(count) => write!(f, "the mission has {count} legs, not 1 to {LEGS}"),
+            Self::Origin => write!(
+                f,
+                "the origin is not within {} km of the base station",
+                FARTHEST_ORIGIN / 1_000_000
+            ),
             Self::Fence(error) => error.fmt(f),
+            Self::Obstacles(error) => error.fmt(f),
             Self::Leg { number, fault } => write!(f, "leg {number}: {fault}"),
         }
     }
@@ -139,6 +157,10 @@ pub struct Summary<T> {
 enum Stage<T> {
     /// The numbers of the mission itself.
     Begin,
+    /// The sides of the fence.
+    Fence(Sides),
+    /// The sides of the obstacles.
+    Obstacles(Sides),
     /// The numbers of a leg.
     Numbers,
     /// Poses of a leg from a distance on.
@@ -149,8 +171,8 @@ enum Stage<T> {
     Turn(TurnPlan<T>),
 }
 
-/// A check in steps. Poses of legs and turns are compared with the fence at every
-/// [`crate::turn::TurnSettings::spacing`], so the vehicle may come a little nearer to it between two.
+/// A check in steps. Poses of legs and turns are compared with fence and obstacles at every
+/// [`crate::turn::TurnSettings::spacing`], so the vehicle may come a little nearer to them between two.
 #[derive(Clone, Copy, Debug)]
 pub struct Check<T> {
     settings: MissionSettings<T>,
@@ -172,6 +194,19 @@ pub fn check<T: Scalar, M: Mission<T>>(
         if let Some(result) = check.step(mission) {
             return result;
         }
+    }
+}
+
+/// Whether the vehicle may stand at a pose.
+// Not inlined: its loops are bounded by themselves then, and not once for each place that asks.
+#[inline(never)]
+fn allowed<C: Corners<T>, T: Scalar>(yard: &Yard<C, T>, at: &Pose<T>) -> Result<(), Fault> {
+    if yard.allows(at) {
+        Ok(())
+    } else if yard.holds(at) {
+        Err(Fault::Obstacle)
+    } else {
+        Err(Fault::Outside)
     }
 }
 
@@ -198,12 +233,11 @@ impl<T: Scalar> Check<T> {
         self.number
     }
 
-    /// One step: the numbers or eight poses of a leg, a joint, or a step of a turn's plan. Returns the
-    /// result with the last one.
+    /// One step: the numbers of the mission, four sides of its fence or of an obstacle, the numbers or four poses of a
+    /// leg, a joint, or a step of a turn's plan. Returns the result with the last one.
     pub fn step<M: Mission<T>>(&mut self, mission: &M) -> Option<Result<Summary<T>, Violation>> {
-        if matches!(self.stage, Stage::Begin) {
-            self.stage = Stage::Numbers;
-            return self.begin(mission).err().map(Err);
+        if let Some(around) = self.around(mission) {
+            return around.err().map(Err);
         }
         let number = self.number;
         let wrong = |fault| Some(Err(Violation::Leg { number, fault }));
@@ -221,6 +255,34 @@ impl<T: Scalar> Check<T> {
         }
     }
 
+    /// A step before the legs; `None` when they are next.
+    fn around<M: Mission<T>>(&mut self, mission: &M) -> Option<Result<(), Violation>> {
+        let (corners, sides, next, wrong): (_, _, _, fn(usize) -> Violation) = match &mut self.stage
+        {
+            Stage::Begin => {
+                let sides = Sides::of_fence(mission.fence().count());
+                self.stage = Stage::Fence(sides);
+                return Some(self.begin(mission));
+            }
+            Stage::Fence(sides) => (
+                mission.fence(),
+                sides,
+                Stage::Obstacles(Sides::of_obstacles()),
+                |side| Violation::Fence(FenceError::Crossing(side)),
+            ),
+            Stage::Obstacles(sides) => (mission.obstacles(), sides, Stage::Numbers, |side| {
+                Violation::Obstacles(ObstacleError::Crossing(side))
+            }),
+            _ => return None,
+        };
+        match sides.step(corners) {
+            None => {}
+            Some(Ok(())) => self.stage = next,
+            Some(Err(side)) => return Some(Err(wrong(side))),
+        }
+        Some(Ok(()))
+    }
+
     fn begin<M: Mission<T>>(&mut self, mission: &M) -> Result<(), Violation> {
         if !self.settings.is_usable() {
             return Err(Violation::Settings);
@@ -229,29 +291,39 @@ impl<T: Scalar> Check<T> {
         if !(1..=LEGS).contains(&self.sum.legs) {
             return Err(Violation::Count(self.sum.legs));
         }
-        if !mission.fence().is_empty() {
-            Fence::new(mission.fence(), self.settings.footprint).map_err(Violation::Fence)?;
+        let Position { north, east } = mission.origin();
+        let near = -FARTHEST_ORIGIN..=FARTHEST_ORIGIN;
+        if !(near.contains(&north) && near.contains(&east)) {
+            return Err(Violation::Origin);
         }
+        if !mission.fence().is_empty() {
+            Fence::new(mission.fence(), self.settings.kept_free()).map_err(Violation::Fence)?;
+        }
+        Obstacles::new(mission.obstacles(), self.settings.kept_free())
+            .map_err(Violation::Obstacles)?;
         Ok(())
     }
 
     /// A step within a leg. True if it was the last one.
     fn leg<M: Mission<T>>(&mut self, mission: &M, leg: &Leg<T>) -> Result<bool, Fault> {
         match &mut self.stage {
-            Stage::Begin | Stage::Numbers => {
+            Stage::Begin | Stage::Fence(_) | Stage::Obstacles(_) | Stage::Numbers => {
                 self.numbers(leg)?;
                 self.stage = Stage::Poses(T::zero());
             }
+            Stage::Poses(_) if leg.curvature == T::zero() && leg.sharpness == T::zero() => {
+                let ground = self.settings.kept_free().swept(leg.length, leg.reverse);
+                allowed(&Yard::around(mission, ground), &leg.start)?;
+                self.stage = Stage::Joint;
+            }
             Stage::Poses(along) => {
                 let yard = Yard::of(mission, &self.settings);
-                // loop-bound: 8
+                // loop-bound: 4
                 for _ in 0..POSES {
                     let end = !(*along < leg.length);
                     let at = if end { leg.length } else { *along };
                     let pose = leg.part().pose(leg.start, at);
-                    if !yard.allows(&pose) {
-                        return Err(Fault::Outside);
-                    }
+                    allowed(&yard, &pose)?;
                     if end {
                         self.stage = Stage::Joint;
                         break;

@@ -22,15 +22,15 @@ mod planner;
 mod stretch;
 
 pub use check::{Check, Fault, JOIN_CURVATURE, JOIN_HEADING, JOIN_POSITION, Summary, Violation};
-pub use check::{LEGS, LONGEST, REACH, SHORTEST, WINDING, check};
+pub use check::{FARTHEST_ORIGIN, LEGS, LONGEST, REACH, SHORTEST, WINDING, check};
 pub use outputs::{Outputs, Section, Switching};
 pub use pace::Pace;
-pub use planner::{Planner, Step};
+pub use planner::{Planner, Step, Yard};
 pub use stretch::{PIECES, Piece, Purpose, Stretch, Whereabouts};
 
 use crate::controller;
 use crate::dubins::Pose;
-use crate::fence::{Footprint, Point};
+use crate::fence::{Corners, Footprint, Point};
 use crate::position::Position;
 use crate::scalar::Scalar;
 use crate::turn::{Part, TurnSettings};
@@ -97,6 +97,11 @@ pub enum End {
 
 /// Something that hands out the legs of a plan.
 pub trait Mission<T> {
+    /// The form in which it has corners.
+    type Corners<'a>: Corners<T>
+    where
+        Self: 'a;
+
     /// The origin of the frame of all poses and of the fence.
     fn origin(&self) -> Position;
 
@@ -107,7 +112,10 @@ pub trait Mission<T> {
     fn leg(&self, number: usize) -> Option<Leg<T>>;
 
     /// Corners of the fence that the vehicle must not leave; none if there is no fence.
-    fn fence(&self) -> &[Point<T>];
+    fn fence(&self) -> Self::Corners<'_>;
+
+    /// Corners of the areas that the vehicle must stay out of, as [`crate::fence::Obstacles`] takes them.
+    fn obstacles(&self) -> Self::Corners<'_>;
 
     /// What follows the last leg.
     fn end(&self) -> End;
@@ -135,11 +143,18 @@ pub struct Legs<'a, T> {
     pub legs: &'a [Leg<T>],
     /// Corners of the fence; none if there is no fence.
     pub fence: &'a [Point<T>],
+    /// Corners of the obstacles, as [`crate::fence::Obstacles`] takes them.
+    pub obstacles: &'a [Point<T>],
     /// What follows the last leg.
     pub end: End,
 }
 
 impl<T: Scalar> Mission<T> for Legs<'_, T> {
+    type Corners<'a>
+        = &'a [Point<T>]
+    where
+        Self: 'a;
+
     fn origin(&self) -> Position {
         self.origin
     }
@@ -154,6 +169,10 @@ impl<T: Scalar> Mission<T> for Legs<'_, T> {
 
     fn fence(&self) -> &[Point<T>] {
         self.fence
+    }
+
+    fn obstacles(&self) -> &[Point<T>] {
+        self.obstacles
     }
 
     fn end(&self) -> End {
@@ -178,6 +197,8 @@ pub struct MissionSettings<T> {
     pub turn_speed: T,
     /// The ground that the vehicle covers.
     pub footprint: Footprint<T>,
+    /// How far paths stay away from fence and obstacles, m, not negative: the vehicle may be as far off its path.
+    pub clearance: T,
     /// Accelerations.
     pub pace: Pace<T>,
 }
@@ -185,7 +206,7 @@ pub struct MissionSettings<T> {
 impl<T: Scalar> MissionSettings<T> {
     /// Settings for the vehicle of a controller. `reserve` is the share of the steering's angle and
     /// rate that no path uses, so that it is left for corrections; `turn_speed` (m/s) is the
-    /// speed in headland turns.
+    /// speed in headland turns. Paths may touch the fence; [`Self::clearance`] keeps them off it.
     #[must_use]
     pub fn for_controller(
         settings: &controller::Settings<T>,
@@ -207,6 +228,7 @@ impl<T: Scalar> MissionSettings<T> {
             turn,
             turn_speed,
             footprint,
+            clearance: T::zero(),
             pace: Pace::of_drive(settings.estimator.drive_lag),
         }
     }
@@ -223,7 +245,18 @@ impl<T: Scalar> MissionSettings<T> {
             && self.turn_speed <= self.top_speed
             && self.turn.is_usable()
             && self.footprint.is_usable()
+            && self.kept_free().is_usable()
+            && self.clearance >= T::zero()
             && self.pace.is_usable()
+    }
+
+    /// The ground that a path keeps free: the vehicle's own, with the clearance about it.
+    #[must_use]
+    pub fn kept_free(&self) -> Footprint<T> {
+        Footprint {
+            half_width: self.footprint.half_width + self.clearance,
+            ..self.footprint
+        }
     }
 
     /// The largest speed (m/s) on a part that should be driven at `wanted`: less where the

@@ -3,23 +3,51 @@
 use super::stretch::{Piece, Purpose, Stretch};
 use super::{Join, Leg, Mission, MissionSettings};
 use crate::dubins::Pose;
-use crate::fence::{Fence, Room};
+use crate::fence::{Corners, Fence, Footprint, Obstacles, Room};
 use crate::scalar::Scalar;
 use crate::turn::{Part, Turn, TurnError, TurnPlan};
 
-/// The room for turns: inside the fence, if the mission has one.
-pub(super) struct Yard<'a, T>(Option<Fence<'a, T>>);
+/// Where a vehicle may be in a mission: inside the fence and beside the obstacles, if there are any.
+#[derive(Clone, Copy, Debug)]
+pub struct Yard<C, T> {
+    fence: Option<Fence<C, T>>,
+    obstacles: Option<Obstacles<C, T>>,
+}
 
-impl<'a, T: Scalar> Yard<'a, T> {
-    /// The fence of a mission. One that is not usable is none: [`super::check`] refuses it.
-    pub(super) fn of<M: Mission<T>>(mission: &'a M, settings: &MissionSettings<T>) -> Self {
-        Self(Fence::new(mission.fence(), settings.footprint).ok())
+impl<C: Corners<T>, T: Scalar> Yard<C, T> {
+    /// Fence and obstacles of a mission around this ground. Those that are not usable are none:
+    /// [`check`](super::check()) refuses them.
+    #[must_use]
+    pub fn around<'a, M>(mission: &'a M, ground: Footprint<T>) -> Self
+    where
+        M: Mission<T, Corners<'a> = C>,
+    {
+        Self {
+            fence: Fence::new(mission.fence(), ground).ok(),
+            obstacles: Obstacles::new(mission.obstacles(), ground).ok(),
+        }
+    }
+
+    /// The room for the paths of a mission.
+    #[must_use]
+    pub fn of<'a, M>(mission: &'a M, settings: &MissionSettings<T>) -> Self
+    where
+        M: Mission<T, Corners<'a> = C>,
+    {
+        Self::around(mission, settings.kept_free())
+    }
+
+    /// Whether the vehicle stays inside the fence, if there is one.
+    #[must_use]
+    pub fn holds(&self, at: &Pose<T>) -> bool {
+        self.fence.as_ref().is_none_or(|fence| fence.allows(at))
     }
 }
 
-impl<T: Scalar> Room<T> for Yard<'_, T> {
+impl<C: Corners<T>, T: Scalar> Room<T> for Yard<C, T> {
     fn allows(&self, at: &Pose<T>) -> bool {
-        self.0.as_ref().is_none_or(|fence| fence.allows(at))
+        let free = |obstacles: &Obstacles<C, T>| obstacles.allows(at);
+        self.holds(at) && self.obstacles.as_ref().is_none_or(free)
     }
 }
 

@@ -29,8 +29,10 @@ pub(crate) const VEHICLE: Description = Description {
         velocity: 0.03,
         steering: degrees(0.1),
         age: 0.055,
+        interval: 0.1,
     },
     drive_lag: 0.3,
+    acceleration: 2.0,
     cornering: 4.0,
     misalignment: Misalignment {
         heading: degrees(1.0),

@@ -18,6 +18,17 @@ pub(crate) struct Matrices {
     pub(crate) speed: f64,
     pub(crate) effectiveness: f64,
     effectiveness_variance: f64,
+    drive: f64,
+    drive_variance: f64,
+    /// The commanded speed behind the drive's lag.
+    driven: f64,
+    /// The same behind a longer one.
+    lasting: f64,
+    stray_speed: f64,
+    /// The speed that an update showed, and the commanded one.
+    measured: Option<[f64; 2]>,
+    /// By how much each prediction changed steering angle and speed, the newest first.
+    past: Vec<[f64; 2]>,
     pub(crate) ready: bool,
     outliers: u8,
 }
@@ -49,6 +60,13 @@ impl Matrices {
             speed: 0.0,
             effectiveness: 1.0,
             effectiveness_variance: 0.09,
+            drive: 1.0,
+            drive_variance: 0.04,
+            driven: 0.0,
+            lasting: 0.0,
+            stray_speed: 0.0,
+            measured: None,
+            past: Vec::new(),
             ready: false,
             outliers: 0,
         }
@@ -80,12 +98,42 @@ impl Matrices {
         )
     }
 
+    /// What noise and a steering bias of five times the expected size do not explain of the drive's gain.
+    pub(crate) fn drive(&self) -> f64 {
+        let right = self.settings.antenna.right / self.settings.geometry.wheelbase();
+        let explained = 5.0 * right.abs() * self.settings.noise.first_steering_bias + 0.02;
+        let found = self.drive - 1.0;
+        let size = (2.0 * (found.abs() - explained)).clamp(0.0, found.abs());
+        1.0 + size.copysign(found)
+    }
+
+    fn learn_drive(&mut self, measured: f64, commanded: f64) {
+        if self.driven.abs() > self.settings.standstill {
+            let changing = (2.0 * (commanded - self.lasting)).powi(2);
+            let noise = self.settings.noise.velocity.powi(2) + 0.05_f64.powi(2) + changing;
+            let spread = self.driven.powi(2) * self.drive_variance + noise;
+            let gain = self.driven * self.drive_variance / spread;
+            self.drive += gain * (measured - self.drive * self.driven);
+            self.drive = self.drive.clamp(0.3, 1.5);
+            self.drive_variance *= 1.0 - gain * self.driven;
+            self.drive_variance += 2e-5;
+        }
+    }
+
     fn predict(&mut self, seen: &Observation<f64>) {
         let (dt, noise) = (seen.dt, self.settings.noise);
+        if let Some([measured, commanded]) = self.measured.take() {
+            self.learn_drive(measured, commanded);
+        }
         let before = self.speed;
-        self.speed += (seen.speed - self.speed) * dt / (dt + self.settings.drive_lag);
+        let share = dt / (dt + self.settings.drive_lag);
+        self.speed += (seen.speed * self.drive() - self.speed) * share;
+        self.driven += (seen.speed - self.driven) * share;
+        let steady = 3.0 * self.settings.drive_lag + 0.5;
+        self.lasting += (seen.speed - self.lasting) * dt / (dt + steady);
         let way = (before + self.speed) / 2.0 * dt;
         let turned = seen.steering_rate * self.effectiveness * dt;
+        self.past.insert(0, [turned, self.speed - before]);
         let (turn, gain) = self.turn(way, self.state[3] + turned / 2.0, turned);
         let middle = self.state[2] + turn / 2.0;
         self.state += Vector::from([
@@ -112,6 +160,9 @@ impl Matrices {
             noise.steering_bias.powi(2) * moving,
         ]);
         self.covariance = f * self.covariance * f.transpose() + Matrix::from_diagonal(&(q * dt));
+        let astray = self.stray_speed * (dt * moving + self.settings.gps_delay);
+        let along = Vector::from([middle.cos(), middle.sin(), 0.0, 0.0, 0.0, 0.0]) * astray;
+        self.covariance += along * along.transpose();
     }
 
     fn see_steering(&mut self, angle: f64, asked: f64) {
@@ -169,22 +220,45 @@ impl Matrices {
         let size = north.hypot(east);
         let sign = if self.speed < 0.0 { -1.0 } else { 1.0 };
         let length = self.settings.geometry.wheelbase();
-        let inside = self.settings.antenna.right * self.state[3].tan() / length;
-        let measured = sign * size * self.lead(self.state[3]).cos() / (1.0 - inside);
-        let (delay, lag) = (self.settings.gps_delay, self.settings.drive_lag);
-        let expected = self.speed - (seen.speed - self.speed) * delay / (lag + delay);
-        self.speed += (measured - expected) * 0.4;
+        let [[turned, _], [gained, _]] = self.since(seen.dt);
+        let then = self.state[3] - turned;
+        let inside = self.settings.antenna.right * then.tan() / length;
+        let measured = sign * size * self.lead(then).cos() / (1.0 - inside);
+        self.measured = Some([measured + gained, seen.speed]);
+        let error = measured - (self.speed - gained);
+        let explained = 2.0 * self.settings.noise.velocity + 0.05;
+        self.stray_speed = error - error.clamp(-explained, explained);
+        self.speed += error * 0.4 + self.stray_speed * 0.5;
         (size > self.settings.standstill && self.is_moving()).then(|| {
             let course = (sign * east).atan2(sign * north);
             (course, (self.settings.noise.velocity / size).powi(2))
         })
     }
 
+    /// By how much steering angle and speed have changed since the data were measured, and the
+    /// integral of what was still to come over that time.
+    fn since(&self, dt: f64) -> [[f64; 2]; 2] {
+        let delay = self.settings.gps_delay;
+        [0, 1].map(|which| {
+            let changes = self.past.iter().map(|step| step[which]);
+            // Before the first step nothing moved.
+            let changes = changes.chain(std::iter::repeat_n(0.0, 3));
+            let (mut sum, mut moment) = (0.0, 0.0);
+            for (number, change) in changes.enumerate() {
+                let share = (delay / dt - number as f64).clamp(0.0, 1.0);
+                moment += (sum + share * change / 2.0) * share * dt;
+                sum += share * change;
+            }
+            [sum, moment]
+        })
+    }
+
     fn then(&self, seen: &Observation<f64>) -> Then {
         let delay = self.settings.gps_delay;
-        let way = self.speed * delay;
-        let turned = seen.steering_rate * self.effectiveness * delay;
-        let (turn, gain) = self.turn(way, self.state[3] - turned / 2.0, turned);
+        let [[turned, moment], [_, short]] = self.since(seen.dt);
+        let way = self.speed * delay - short;
+        let middle = if delay > 0.0 { moment / delay } else { 0.0 };
+        let (turn, gain) = self.turn(way, self.state[3] - middle, turned);
         Then {
             way,
             turn,
@@ -207,19 +281,30 @@ impl Matrices {
         self.state[0] = place.0 + then.way * middle.cos();
         self.state[1] = place.1 + then.way * middle.sin();
         self.state[2] = wrap_angle(heading + then.turn);
-        let bias = self.covariance[(4, 4)];
-        let heading_variance = variance + bias;
         let (l1, right) = (self.settings.geometry.l1, self.settings.antenna.right);
-        let lever = l1.abs() + right.abs() + then.way.abs();
-        let place = self.settings.noise.position.powi(2) + lever.powi(2) * heading_variance;
-        let p = &mut self.covariance;
-        p.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
-        p.fixed_view_mut::<6, 3>(0, 0).fill(0.0);
-        p[(0, 0)] = place;
-        p[(1, 1)] = place;
-        p[(2, 2)] = heading_variance;
-        p[(2, 4)] = -bias;
-        p[(4, 2)] = -bias;
+        let (sine, cosine) = heading.sin_cos();
+        let lever = [-l1 * sine - right * cosine, l1 * cosine - right * sine];
+        let back = [then.way * middle.sin(), -then.way * middle.cos()];
+        // The errors of the new states as those of the old ones.
+        let mut errors = Matrix::identity();
+        let lead = l1 / self.settings.geometry.wheelbase() - then.gain;
+        let heading_row = Vector::from([0.0, 0.0, 0.0, -lead, -1.0, 0.0]);
+        errors.set_row(2, &heading_row.transpose());
+        let mut of_course = Vector::zeros();
+        of_course[2] = 1.0;
+        for axis in [0, 1] {
+            let of_heading = lever[axis] + back[axis];
+            let mut row = heading_row * -of_heading;
+            row[3] += (lever[axis] + back[axis] / 2.0) * then.gain;
+            errors.set_row(axis, &row.transpose());
+            of_course[axis] = -of_heading;
+        }
+        self.covariance = errors * self.covariance * errors.transpose()
+            + of_course * variance * of_course.transpose();
+        let curved = (l1.powi(2) + right.powi(2)) * self.covariance[(2, 2)].powi(2) / 2.0;
+        let place = self.settings.noise.position.powi(2) + curved;
+        self.covariance[(0, 0)] += place;
+        self.covariance[(1, 1)] += place;
         self.ready = true;
     }
 

@@ -7,10 +7,12 @@ pub(crate) mod example;
 pub(crate) mod field;
 
 use control::calibration::{Actuator, Direction};
+use control::controller::Sample;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
 use control::position::{Position, Velocity};
 use control::safety::Command;
+use control::tilt::Tilt;
 use control::vehicle::{Description, Misalignment, degrees};
 use std::collections::VecDeque;
 
@@ -71,6 +73,7 @@ pub(crate) fn random(noise: &mut Noise) -> Description {
         cruise,
         period: [0.1, 0.05][usize::from(between(0.0, 1.0) > 0.7)],
         drive_lag: between(0.1, 0.6),
+        acceleration: 0.7 * cruise,
         cornering: between(2.0, 20.0),
         misalignment: Misalignment {
             heading: degrees(between(0.1, 5.0)),
@@ -104,6 +107,47 @@ pub(crate) struct Conditions {
     pub(crate) velocity_noise: f64,
     /// Age of GPS data on arrival, s.
     pub(crate) delay: f64,
+    /// Speed over ground as a share of the commanded one.
+    pub(crate) drive: f64,
+    /// Distance of the axles as a share of the described one.
+    pub(crate) wheelbase: f64,
+    /// Steps from one measurement of the receiver to the next.
+    pub(crate) every: u32,
+    /// The ground that rolls and pitches the vehicle.
+    pub(crate) ground: Ground,
+}
+
+/// The shape of the ground. It moves the antenna; that a slope turns the course is [`Conditions::slope`].
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Ground {
+    /// Fall to the east and rise to the north, rad.
+    pub(crate) side: f64,
+    pub(crate) climb: f64,
+    /// Waves that run north-east: the slope of their flanks, rad, and their length, m. A slope of zero means none.
+    pub(crate) waves: (f64, f64),
+}
+
+impl Ground {
+    /// Roll and pitch of a vehicle there.
+    fn tilt(&self, north: f64, east: f64, heading: f64) -> Tilt<f64> {
+        let (slope, length) = self.waves;
+        let wave = if slope == 0.0 {
+            0.0
+        } else {
+            let along = (north + east) * std::f64::consts::FRAC_1_SQRT_2;
+            slope.tan() * (std::f64::consts::TAU * along / length).cos()
+        };
+        let rise = wave * std::f64::consts::FRAC_1_SQRT_2;
+        let (to_north, to_east) = (self.climb.tan() + rise, rise - self.side.tan());
+        let (sine, cosine) = heading.sin_cos();
+        let ahead = to_north * cosine + to_east * sine;
+        let fall = to_north * sine - to_east * cosine;
+        let pitch = ahead.atan();
+        Tilt {
+            roll: (fall * pitch.cos()).atan(),
+            pitch,
+        }
+    }
 }
 
 impl Default for Conditions {
@@ -119,6 +163,10 @@ impl Default for Conditions {
             position_noise: 0.01,
             velocity_noise: 0.02,
             delay: 0.055,
+            drive: 1.0,
+            wheelbase: 1.0,
+            every: 1,
+            ground: Ground::default(),
         }
     }
 }
@@ -172,17 +220,47 @@ pub(crate) struct Plant {
     pub(crate) heading: f64,
     pub(crate) steering: f64,
     pub(crate) speed: f64,
+    /// Commanded speed behind the limit of the acceleration, m/s.
+    driven: f64,
     /// Course minus heading, rad.
     pub(crate) crab: f64,
     noise: Noise,
-    history: VecDeque<(f64, [f64; 4])>,
+    history: VecDeque<(f64, [f64; 6])>,
+    /// Cycles so far.
+    cycles: u32,
 }
 
 /// Measurements of one cycle.
 pub(crate) struct Heard {
+    /// Whether position and velocity arrived in this cycle.
+    pub(crate) arrived: bool,
     pub(crate) position: Position,
     pub(crate) velocity: Velocity,
+    /// Roll and pitch when these were measured, exactly.
+    pub(crate) tilt: Tilt<f64>,
     pub(crate) steering_angle: f64,
+}
+
+impl Heard {
+    /// The sample of a control step in an autonomous run, `dt` (s) after the last one, under the command `applied`.
+    pub(crate) fn sample(&self, applied: Command<f32>, dt: f32) -> Sample<f32> {
+        Sample {
+            position: self.arrived.then_some(self.position),
+            velocity: self.arrived.then_some(self.velocity),
+            steering_angle: Some(self.steering_angle as f32),
+            applied,
+            engaged: true,
+            dt,
+        }
+    }
+}
+
+/// A command of the law as the simulated vehicle takes it.
+pub(crate) fn wide(command: Command<f32>) -> Command<f64> {
+    Command {
+        steering_rate: command.steering_rate.into(),
+        speed: command.speed.into(),
+    }
 }
 
 const STEP: f64 = 0.001;
@@ -207,20 +285,41 @@ impl Plant {
             heading: conditions.heading,
             steering: 0.0,
             speed: conditions.speed,
+            driven: conditions.speed,
             crab: 0.0,
             noise: Noise::new(seed),
             history: VecDeque::new(),
+            cycles: 0,
         }
     }
 
     /// The antenna, m north and east.
     pub(crate) fn antenna(&self) -> (f64, f64) {
-        let (north, east) = self.point(self.vehicle.geometry.l1);
-        let right = self.vehicle.antenna.right;
+        let (ahead, right) = self.lever();
+        let (north, east) = self.point(ahead);
         (
             north - right * self.heading.sin(),
             east + right * self.heading.cos(),
         )
+    }
+
+    /// Roll and pitch.
+    pub(crate) fn tilt(&self) -> Tilt<f64> {
+        let ground = &self.conditions.ground;
+        ground.tilt(self.north, self.east, self.heading)
+    }
+
+    /// The antenna over the ground, m ahead of the rear axle and right of the centre line: its place in the body, turned by
+    /// roll and pitch.
+    fn lever(&self) -> (f64, f64) {
+        let Tilt { roll, pitch } = self.tilt();
+        let Antenna { right, height } = self.vehicle.antenna;
+        let (across, above) = (
+            right * roll.cos() + height * roll.sin(),
+            height * roll.cos() - right * roll.sin(),
+        );
+        let ahead = self.vehicle.geometry.l1;
+        (ahead * pitch.cos() - above * pitch.sin(), across)
     }
 
     /// The point held on the line, m north and east: beside the antenna, or
@@ -244,12 +343,17 @@ impl Plant {
         let effort = (actuator.effort(command.steering_rate) * 127.0).round() / 127.0;
         let rate = actuator.rate(effort) * self.conditions.actuator;
         let limit = self.vehicle.limits.steering_angle;
-        let l1 = self.vehicle.geometry.l1;
-        let right = self.vehicle.antenna.right;
-        let wheelbase = self.vehicle.geometry.wheelbase();
+        let wheelbase = self.vehicle.geometry.wheelbase() * self.conditions.wheelbase;
+        let mut before = self.lever();
         for _ in 0..(seconds / STEP).round() as usize {
             self.steering = (self.steering + rate * STEP).clamp(-limit, limit);
-            self.speed += (command.speed - self.speed) * STEP / self.vehicle.drive_lag;
+            // The drive node limits the acceleration.
+            let forth = self.driven * command.speed >= 0.0;
+            let from = if forth { self.driven.abs() } else { 0.0 };
+            let largest = from + self.vehicle.acceleration * STEP;
+            self.driven = command.speed.clamp(-largest, largest);
+            let wanted = self.driven * self.conditions.drive;
+            self.speed += (wanted - self.speed) * STEP / self.vehicle.drive_lag;
             // Both axles have the same slip angle, for they carry the same force
             // per load. That turns the course, but to first order not the
             // vehicle.
@@ -260,17 +364,25 @@ impl Plant {
             self.crab = way * (downhill - self.speed * turn) / (GRAVITY * self.vehicle.cornering);
             let course = self.heading + self.crab;
             let (north, east) = (self.speed * course.cos(), self.speed * course.sin());
+            let (ahead, right) = self.lever();
+            // How fast roll and pitch swing the antenna ahead and to the right.
+            let swing = ((ahead - before.0) / STEP, (right - before.1) / STEP);
+            before = (ahead, right);
+            let (sine, cosine) = self.heading.sin_cos();
             let velocity = (
-                north - turn * (l1 * self.heading.sin() + right * self.heading.cos()),
-                east + turn * (l1 * self.heading.cos() - right * self.heading.sin()),
+                north - turn * (ahead * sine + right * cosine) + swing.0 * cosine - swing.1 * sine,
+                east + turn * (ahead * cosine - right * sine) + swing.0 * sine + swing.1 * cosine,
             );
             self.north += north * STEP;
             self.east += east * STEP;
             self.heading += turn * STEP;
             self.time += STEP;
             let (north, east) = self.antenna();
-            self.history
-                .push_back((self.time, [north, east, velocity.0, velocity.1]));
+            let Tilt { roll, pitch } = self.tilt();
+            self.history.push_back((
+                self.time,
+                [north, east, velocity.0, velocity.1, roll, pitch],
+            ));
         }
         while self
             .history
@@ -285,14 +397,15 @@ impl Plant {
     pub(crate) fn hear(&mut self) -> Heard {
         let then = self.time - self.conditions.delay;
         let (north, east) = self.antenna();
+        let Tilt { roll, pitch } = self.tilt();
         let seen = self
             .history
             .iter()
             .rev()
             .find(|(time, _)| *time <= then + STEP / 2.0)
             .or(self.history.front())
-            .map_or([north, east, 0.0, 0.0], |(_, seen)| *seen);
-        let [north, east, vn, ve] = seen;
+            .map_or([north, east, 0.0, 0.0, roll, pitch], |(_, seen)| *seen);
+        let [north, east, vn, ve, roll, pitch] = seen;
         let mut noisy = |value: f64, deviation: f64| value + deviation * self.noise.normal();
         let millimetres = |value: f64| (value * 1e3).round() as i32;
         let bias = self.conditions.heading_bias;
@@ -310,9 +423,13 @@ impl Plant {
         );
         let counts = 40.0 * (self.steering + self.conditions.steering_bias).to_degrees();
         let counts = noisy(counts, 1.0).round();
+        let arrived = self.cycles.is_multiple_of(self.conditions.every);
+        self.cycles += 1;
         Heard {
+            arrived,
             position,
             velocity,
+            tilt: Tilt { roll, pitch },
             steering_angle: (counts / 40.0).to_radians(),
         }
     }
@@ -335,7 +452,12 @@ pub(crate) struct Run {
 impl Run {
     /// Time from which the error stays within 5 cm, s.
     pub(crate) fn settled(&self) -> f64 {
-        let last = self.errors.iter().rposition(|error| error.abs() > 0.05);
+        self.settled_within(0.05)
+    }
+
+    /// Time from which the error stays within a limit (m), s.
+    pub(crate) fn settled_within(&self, limit: f64) -> f64 {
+        let last = self.errors.iter().rposition(|error| error.abs() > limit);
         last.map_or(0.0, |last| (last + 1) as f64 * self.period)
     }
 

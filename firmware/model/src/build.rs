@@ -9,13 +9,17 @@ use network_model::generate;
 
 use crate::design;
 use crate::overrides::Overrides;
+use crate::source::variants_of;
 use crate::vehicle::Vehicle;
 
 /// Environment variable with values in place of the manifest's: `KEY=VALUE`, separated by semicolons.
 pub const OVERRIDES: &str = "FURROW_SET";
 
+/// Environment variable with the name of the variant whose values count.
+pub const VARIANT: &str = "FURROW_VARIANT";
+
 /// Generates the files that a vehicle's crate includes. The crate's folder is the vehicle's
-/// folder.
+/// folder, or has that of the variant that the environment names.
 ///
 /// | file | what is in it |
 /// | --- | --- |
@@ -54,10 +58,20 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
+    println!("cargo::rerun-if-env-changed={VARIANT}");
     println!(
         "cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission, sessions)"
     );
-    let vehicle = Vehicle::read_with(folder, &overrides()?)?;
+    let variant = env::var(VARIANT).ok().filter(|name| !name.is_empty());
+    let folder = match variant {
+        None => folder.to_owned(),
+        Some(name) => variants_of(folder).join(name),
+    };
+    let vehicle = Vehicle::read_with(&folder, &overrides()?)?;
+    println!(
+        "cargo::rerun-if-changed={}",
+        vehicle.manifest_file().display()
+    );
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
     }

@@ -803,6 +803,8 @@ fn mission(mission: &Mission, manifest: &Manifest, network: &Network) -> Result<
     within("mission.width", mission.width, 0.0, 20.0)?;
     within("mission.ahead", mission.ahead, 0.0, 20.0)?;
     within("mission.behind", mission.behind, 0.0, 20.0)?;
+    within("mission.clearance", mission.clearance, 0.0, 5.0)?;
+    within("mission.aside", mission.aside, 0.0, 5.0)?;
     if !mission.enabled {
         return Ok(());
     }

@@ -17,7 +17,9 @@ use crate::manifest::{
     BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Law, Machine, Manifest, Mission,
     Planner, Receiver, RegulatorWeights, Remote, Rover, RowGuidance, Safety, ThesisLaw, Waypoint,
 };
-use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
+use crate::units::{
+    AccelerationKind, AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind,
+};
 use crate::vehicle::Vehicle;
 
 /// A rover and its rows as the control law knows them.
@@ -140,8 +142,10 @@ pub fn description(vehicle: &Vehicle) -> Option<Description> {
                 let burst = receiver.latency.get() + receiver.burst.get();
                 burst + receiver.lead.get() + control_release(vehicle)
             }),
+            interval: receiver.map_or(0.1, |receiver| receiver.period.get()),
         },
         drive_lag: machine.drive.lag.get(),
+        acceleration: limits.acceleration.get(),
         cornering: machine.cornering,
         misalignment: vehicle::Misalignment {
             heading: machine.misalignment.heading.get(),
@@ -233,7 +237,9 @@ fn key(what: vehicle::Quantity) -> (&'static str, Shown) {
              and receiver.lead,",
             time,
         ),
+        Of::Interval => ("receiver.period", time),
         Of::DriveLag => ("machine.drive.lag", time),
+        Of::Acceleration => ("machine.limits.acceleration", shown::<AccelerationKind>),
         Of::Cornering => ("machine.cornering", |value| format!("{value} 1/rad")),
         Of::HeadingMisalignment => ("machine.misalignment.heading", angle),
         Of::SteeringMisalignment => ("machine.misalignment.steering", angle),
@@ -319,28 +325,34 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
         );
         let period = vehicle.network().basic_cycle_us as f32 * 1e-6;
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "    const PERIOD: f32 = {period:?};\n}}");
+        let _ = writeln!(out, "    const PERIOD: f32 = {period:?};");
+        let receiver = manifest.receiver.as_ref();
+        let interval = receiver.map_or(period, |receiver| single(receiver.period));
+        let _ = writeln!(out, "    const INTERVAL: f32 = {interval:?};\n}}");
     }
     Ok(out)
 }
 
 /// The Rust source of what a vehicle brings to its missions.
-fn missions(mission: &Mission) -> String {
+fn missions(mission: &Mission, machine: &Machine) -> String {
     let half_width = single(mission.width) * 0.5;
     format!(
         "::firmware::mission::Design {{ turn_speed: {:?}, reserve: {:?}, half_width: {half_width:?}, ahead: {:?}, \
-         behind: {:?} }}",
+         behind: {:?}, clearance: {:?}, aside: {:?}, acceleration: {:?} }}",
         single(mission.turn_speed),
         single(mission.reserve),
         single(mission.ahead),
         single(mission.behind),
+        single(mission.clearance),
+        single(mission.aside),
+        single(machine.limits.acceleration),
     )
 }
 
 /// The law that steers a machine.
 fn steering_law(out: &mut String, machine: &Machine, mission: Option<&Mission>) {
     let (law, settings) = match machine.law {
-        Law::Furrow if let Some(mission) = mission => ("Mission", missions(mission)),
+        Law::Furrow if let Some(mission) = mission => ("Mission", missions(mission, machine)),
         Law::Furrow => ("Furrow", String::from("()")),
         Law::Thesis => {
             let gains = machine.thesis.array().map(|gain| gain as f32);

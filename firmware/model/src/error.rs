@@ -15,6 +15,16 @@ pub enum VehicleError {
         /// The vehicles that exist.
         known: Vec<String>,
     },
+    /// Two folders have one name.
+    #[error("two vehicles have the name {name:?}: {} and {}", one.display(), other.display())]
+    Twice {
+        /// The name.
+        name: String,
+        /// The first folder.
+        one: PathBuf,
+        /// The second one.
+        other: PathBuf,
+    },
     /// A file that cannot be read.
     #[error("{} cannot be read: {error}", file.display())]
     Unreadable {

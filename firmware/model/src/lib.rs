@@ -12,6 +12,9 @@
 //! | `tasks.toml` | what releases each task and by when it must be done: `schedulability` |
 //! | `nodes/NAME.rs` | the RTIC application of each node |
 //! | `scenarios/*.toml` | what happens around the nodes in a run: `world` |
+//!
+//! A variant of a vehicle is a folder `variants/NAME` in the vehicle's folder. It has a `vehicle.toml` with the
+//! values in which it differs, and may have scenarios. All else is the vehicle's.
 
 pub mod build;
 pub mod check;
@@ -19,6 +22,7 @@ mod design;
 mod error;
 pub mod manifest;
 mod overrides;
+mod source;
 pub mod text;
 pub mod units;
 mod vehicle;

@@ -761,6 +761,11 @@ pub struct Mission {
     pub ahead: Length,
     /// From the rear axle to the rear, for fences, 0 to 20 m.
     pub behind: Length,
+    /// How far paths stay away from fence and obstacles, beside this ground, 0 to 5 m: the vehicle may be as far off its
+    /// path. Where the ground itself touches one, the run ends.
+    pub clearance: Length,
+    /// How far beside its path the vehicle may work, 0 to 5 m: farther off it, all sections are off.
+    pub aside: Length,
     /// The message that says when the sections of an implement are switched in the next basic cycle. For each section from 1
     /// to 8 it has the signals `State1`, whether it is on when that cycle begins, and `After1`, after how many milliseconds
     /// it changes; 127 if it does not.

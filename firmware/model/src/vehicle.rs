@@ -1,5 +1,7 @@
 //! A vehicle as its folder describes it.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -11,11 +13,9 @@ use crate::design;
 use crate::error::VehicleError;
 use crate::manifest::{Device, MISSION, Manifest, Node, Protocol};
 use crate::overrides::Overrides;
-use crate::text;
+use crate::source::{MANIFEST, Source, refused, text, variants_of};
 
-/// Name of the manifest in a vehicle's folder.
-const MANIFEST: &str = "vehicle.toml";
-/// Name of the network file in it.
+/// Name of the network file in a vehicle's folder.
 const NETWORK: &str = "network.dbc";
 
 /// The index of a node in [`Manifest::nodes`].
@@ -27,6 +27,8 @@ pub struct NodeIndex(pub usize);
 pub struct Vehicle {
     name: String,
     folder: PathBuf,
+    /// The folder of what its images are made of: its own, or that of the vehicle of which it is a variant.
+    crate_folder: PathBuf,
     manifest: Manifest,
     network: Network,
     /// Values in place of the manifest's.
@@ -35,23 +37,51 @@ pub struct Vehicle {
 
 impl Vehicle {
     /// Names of the vehicles below `vehicles`, in alphabetical order: every folder with a
-    /// manifest.
+    /// manifest, and the variants in these folders.
     ///
     /// # Errors
-    /// The folder cannot be read.
+    /// The folder cannot be read, or two vehicles have one name.
     pub fn names(vehicles: &Path) -> Result<Vec<String>, VehicleError> {
+        Ok(Self::folders(vehicles)?.into_keys().collect())
+    }
+
+    /// The folder of each vehicle below `vehicles`, by its name.
+    ///
+    /// # Errors
+    /// As [`Vehicle::names`].
+    pub fn folders(vehicles: &Path) -> Result<BTreeMap<String, PathBuf>, VehicleError> {
         let unreadable = |error| VehicleError::Unreadable {
             file: vehicles.into(),
             error,
         };
         let entries = fs::read_dir(vehicles).map_err(unreadable)?;
-        let folders = entries.flatten().map(|entry| entry.path());
-        let mut names: Vec<String> = folders
-            .filter(|folder| folder.join(MANIFEST).is_file())
-            .filter_map(|folder| Some(folder.file_name()?.to_str()?.to_owned()))
-            .collect();
-        names.sort();
-        Ok(names)
+        let own: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        // A folder without variants has no folder for them.
+        let variants = own
+            .iter()
+            .flat_map(|folder| fs::read_dir(variants_of(folder)))
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path())
+            .collect::<Vec<_>>();
+        let mut all = BTreeMap::new();
+        for folder in own.into_iter().chain(variants) {
+            let name = folder.file_name().and_then(|name| name.to_str());
+            let Some(name) = name.filter(|_| folder.join(MANIFEST).is_file()) else {
+                continue;
+            };
+            match all.entry(name.to_owned()) {
+                Entry::Vacant(entry) => entry.insert(folder),
+                Entry::Occupied(entry) => {
+                    return Err(VehicleError::Twice {
+                        name: name.into(),
+                        one: entry.get().clone(),
+                        other: folder,
+                    });
+                }
+            };
+        }
+        Ok(all)
     }
 
     /// Reads the vehicle `name` below `vehicles`.
@@ -85,7 +115,9 @@ impl Vehicle {
         overrides: &Overrides,
     ) -> Result<NetworkText, VehicleError> {
         let folder = Self::folder_of(vehicles, name)?;
-        let (manifest, _) = Self::manifest_with(&folder, &text(&folder, MANIFEST)?, overrides)?;
+        let source = Source::of(&folder, &text(&folder, MANIFEST)?)?;
+        let (manifest, _) = source.manifest_with(&folder, overrides)?;
+        let folder = source.crate_folder;
         Ok(NetworkText {
             text: supplemented(&folder, &manifest, &text(&folder, NETWORK)?)?,
             supplements: network_supplements(&folder, &manifest),
@@ -94,15 +126,11 @@ impl Vehicle {
     }
 
     fn folder_of(vehicles: &Path, name: &str) -> Result<PathBuf, VehicleError> {
-        let known = Self::names(vehicles)?;
-        if known.iter().any(|other| other == name) {
-            Ok(vehicles.join(name))
-        } else {
-            Err(VehicleError::Unknown {
-                name: name.into(),
-                known,
-            })
-        }
+        let mut known = Self::folders(vehicles)?;
+        known.remove(name).ok_or_else(|| VehicleError::Unknown {
+            name: name.into(),
+            known: known.into_keys().collect(),
+        })
     }
 
     /// Reads the vehicle of a folder; the folder's name is the vehicle's.
@@ -119,8 +147,9 @@ impl Vehicle {
     /// As [`Vehicle::read`], or one of the values makes no sense.
     pub fn read_with(folder: &Path, overrides: &Overrides) -> Result<Self, VehicleError> {
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        let (manifest, network) = (text(folder, MANIFEST)?, text(folder, NETWORK)?);
-        let vehicle = Self::parse_with(&name, folder, &manifest, &network, overrides)?;
+        let source = Source::of(folder, &text(folder, MANIFEST)?)?;
+        let network = text(&source.crate_folder, NETWORK)?;
+        let vehicle = Self::made(&name, folder, source, &network, overrides)?;
         let mut nodes = vehicle.nodes();
         match nodes.find(|&node| !vehicle.source(node).is_file()) {
             None => Ok(vehicle),
@@ -132,7 +161,8 @@ impl Vehicle {
     }
 
     /// Makes a vehicle from the texts of its two files; errors name them below `folder`. The
-    /// sources of the nodes are not looked for.
+    /// sources of the nodes are not looked for. If `folder` is that of a variant, what the manifest
+    /// leaves out is read from the other vehicle's.
     ///
     /// # Errors
     /// Their contents make no sense.
@@ -157,49 +187,47 @@ impl Vehicle {
         network: &str,
         overrides: &Overrides,
     ) -> Result<Self, VehicleError> {
+        Self::made(
+            name,
+            folder,
+            Source::of(folder, manifest)?,
+            network,
+            overrides,
+        )
+    }
+
+    /// A vehicle of its manifest and the text of its network file.
+    fn made(
+        name: &str,
+        folder: &Path,
+        source: Source,
+        network: &str,
+        overrides: &Overrides,
+    ) -> Result<Self, VehicleError> {
         let wrong = |what| refused(folder, overrides, what);
-        let (manifest, effective) = Self::manifest_with(folder, manifest, overrides)?;
+        let (manifest, effective) = source.manifest_with(folder, overrides)?;
+        let crate_folder = source.crate_folder;
         check::guide(&manifest).map_err(wrong)?;
-        let network = supplemented(folder, &manifest, network)?;
+        let network = supplemented(&crate_folder, &manifest, network)?;
         let network = Network::parse(&network).map_err(|error| VehicleError::Network {
-            file: folder.join(NETWORK),
+            file: crate_folder.join(NETWORK),
             what: error.to_string().replace('\n', "; "),
         })?;
         check::check(&manifest, &network).map_err(wrong)?;
         check::bit_rate(&manifest, &network).map_err(|what| VehicleError::Network {
-            file: folder.join(NETWORK),
+            file: crate_folder.join(NETWORK),
             what,
         })?;
         let vehicle = Self {
             name: name.into(),
             folder: folder.into(),
+            crate_folder,
             manifest,
             network,
             overrides: effective,
         };
         design::check(&vehicle).map_err(wrong)?;
         Ok(vehicle)
-    }
-
-    /// A manifest with other values than its text has, and those of them that change something.
-    fn manifest_with(
-        folder: &Path,
-        manifest: &str,
-        overrides: &Overrides,
-    ) -> Result<(Manifest, Overrides), VehicleError> {
-        let wrong = |what| refused(folder, overrides, what);
-        let own = read_manifest(manifest);
-        let (mut manifest, overrides) = if overrides.is_empty() {
-            (own.map_err(wrong)?, overrides)
-        } else {
-            let changed = changed_manifest(manifest, overrides).map_err(wrong)?;
-            match own {
-                Ok(own) if own == changed => (own, &Overrides::default()),
-                _ => (changed, overrides),
-            }
-        };
-        manifest.complete();
-        Ok((manifest, overrides.clone()))
     }
 
     /// When its messages are sent.
@@ -232,6 +260,20 @@ impl Vehicle {
         &self.folder
     }
 
+    /// The folder of its crate, network file, task table and nodes: its own, or that of the vehicle of
+    /// which it is a variant.
+    #[must_use]
+    pub fn crate_folder(&self) -> &Path {
+        &self.crate_folder
+    }
+
+    /// The name of the vehicle of which it is a variant; `None` if it has a crate of its own.
+    #[must_use]
+    pub fn variant_of(&self) -> Option<&str> {
+        let other = Some(&self.crate_folder).filter(|folder| **folder != self.folder)?;
+        other.file_name()?.to_str()
+    }
+
     /// What its manifest says.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
@@ -261,13 +303,13 @@ impl Vehicle {
     /// Path of its network file.
     #[must_use]
     pub fn network_file(&self) -> PathBuf {
-        self.folder.join(NETWORK)
+        self.crate_folder.join(NETWORK)
     }
 
     /// Paths of what adds to its network file because the manifest switches it on.
     #[must_use]
     pub fn network_supplements(&self) -> Vec<PathBuf> {
-        network_supplements(&self.folder, &self.manifest)
+        network_supplements(&self.crate_folder, &self.manifest)
     }
 
     /// Paths of what switched-on nodes add to its task table.
@@ -280,7 +322,7 @@ impl Vehicle {
         let mission = self.manifest.missions().map(|_| MISSION);
         let added = rows.into_iter().chain(guardian).chain(mission);
         added
-            .map(|name| self.folder.join(format!("{name}.tasks.toml")))
+            .map(|name| self.crate_folder.join(format!("{name}.tasks.toml")))
             .collect()
     }
 
@@ -307,13 +349,13 @@ impl Vehicle {
     /// Path of its task table.
     #[must_use]
     pub fn task_table(&self) -> PathBuf {
-        self.folder.join("tasks.toml")
+        self.crate_folder.join("tasks.toml")
     }
 
     /// Path of a node's source.
     #[must_use]
     pub fn source(&self, node: NodeIndex) -> PathBuf {
-        self.folder
+        self.crate_folder
             .join("nodes")
             .join(format!("{}.rs", self.node(node).name))
     }
@@ -367,23 +409,6 @@ pub struct NetworkText {
     pub text: String,
 }
 
-/// The text of a file of a folder.
-fn text(folder: &Path, file: &str) -> Result<String, VehicleError> {
-    let file = folder.join(file);
-    fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
-}
-
-/// Why the manifest of a folder is refused, with the values that it would have.
-fn refused(folder: &Path, overrides: &Overrides, what: String) -> VehicleError {
-    VehicleError::Manifest {
-        file: folder.join(MANIFEST),
-        what: match overrides.is_empty() {
-            true => what,
-            false => format!("with {overrides}: {what}"),
-        },
-    }
-}
-
 fn network_supplements(folder: &Path, manifest: &Manifest) -> Vec<PathBuf> {
     let names = manifest.supplements();
     names
@@ -402,69 +427,4 @@ fn supplemented(folder: &Path, manifest: &Manifest, network: &str) -> Result<Str
             Err(error) => Err(VehicleError::Unreadable { file, error }),
         },
     )
-}
-
-/// Reads the text of a manifest.
-fn read_manifest(text: &str) -> Result<Manifest, String> {
-    let manifest = toml::Deserializer::parse(text).map_err(|error| syntax(text, &error))?;
-    serde_path_to_error::deserialize(manifest).map_err(|error| field(text, &error))
-}
-
-/// Reads the text of a manifest with other values.
-fn changed_manifest(text: &str, overrides: &Overrides) -> Result<Manifest, String> {
-    let own: toml::Table = text.parse().map_err(|error| syntax(text, &error))?;
-    let mut manifest = own.clone();
-    overrides.apply(&mut manifest)?;
-    serde_path_to_error::deserialize(manifest).map_err(|error| {
-        let path = error.path().to_string();
-        match absent_table(&own, &path) {
-            // A table that has nothing but the other values lacks its other fields.
-            Some(table) if error.inner().message().starts_with("missing field") => {
-                format!("the manifest has no [{table}], so no value of it can be set")
-            }
-            // The errors have no place in the text.
-            _ => field(text, &error),
-        }
-    })
-}
-
-/// The outermost table on a path of keys that a manifest does not have.
-fn absent_table<'p>(manifest: &toml::Table, path: &'p str) -> Option<&'p str> {
-    let mut table = manifest;
-    let mut end = 0;
-    for key in path.split('.') {
-        end += key.len();
-        match table.get(key) {
-            None => return Some(&path[..end]),
-            Some(toml::Value::Table(inner)) => table = inner,
-            Some(_) => return None,
-        }
-        end += 1;
-    }
-    None
-}
-
-/// Why a text is not TOML: line, key and the parser's message, without the excerpt that it draws.
-fn syntax(text: &str, error: &toml::de::Error) -> String {
-    let start = error.span().map_or(0, |span| span.start);
-    let line = text::line(text, start);
-    let key = text::key(text, start).map_or(String::new(), |key| format!(", {key}"));
-    let what = text::phrase(error.message());
-    format!("line {line}{key}: this is not TOML: {what}")
-}
-
-/// Why a value is refused: its line, its path and what is accepted.
-fn field(text: &str, error: &serde_path_to_error::Error<toml::de::Error>) -> String {
-    let path = error.path().to_string();
-    let what = text::phrase(error.inner().message());
-    let line = error
-        .inner()
-        .span()
-        .map(|span| text::line(text, span.start));
-    match (line, path.as_str()) {
-        (None, "." | "?") => what,
-        (None, path) => format!("{path}: {what}"),
-        (Some(line), "." | "?") => format!("line {line}: {what}"),
-        (Some(line), path) => format!("line {line}, {path}: {what}"),
-    }
 }

@@ -69,9 +69,9 @@ fn devices_are_found_at_their_nodes() {
 
 #[test]
 fn an_unknown_vehicle_is_told_with_those_there_are() {
-    let error = Vehicle::find(&vehicles(), "tractor").unwrap_err();
+    let error = Vehicle::find(&vehicles(), "plough").unwrap_err();
     let sentence = error.to_string();
-    assert!(sentence.starts_with("there is no vehicle \"tractor\": there are "));
+    assert!(sentence.starts_with("there is no vehicle \"plough\": there are "));
     assert!(sentence.contains("uagv"), "{sentence}");
 }
 
@@ -929,4 +929,108 @@ fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
         assert!(error.contains(sentence), "{overrides}: {error}");
         assert!(!error.contains('\n'), "{error}");
     }
+}
+
+/// A folder with the UAGV's manifest and network, and a variant with this manifest.
+fn with_variant(manifest: &str) -> tempfile::TempDir {
+    let vehicles = tempfile::tempdir().unwrap();
+    let folder = vehicles.path().join("uagv");
+    std::fs::create_dir_all(folder.join("variants/long")).unwrap();
+    std::fs::create_dir_all(folder.join("nodes")).unwrap();
+    let uagv = Vehicle::find(&self::vehicles(), "uagv").unwrap();
+    let files = [uagv.manifest_file(), uagv.network_file()];
+    for file in files
+        .into_iter()
+        .chain(uagv.nodes().map(|node| uagv.source(node)))
+    {
+        let inside = file.strip_prefix(uagv.folder()).unwrap();
+        std::fs::copy(&file, folder.join(inside)).unwrap();
+    }
+    std::fs::write(folder.join("variants/long/vehicle.toml"), manifest).unwrap();
+    vehicles
+}
+
+#[test]
+fn a_variant_has_its_own_values_and_everything_else_of_the_other_vehicle() {
+    let text = "summary = \"long\"\nwithout = [\"machine.weights\", \"row_guidance\"]\n\
+                [machine]\nantenna_to_front = \"1.5 m\"\n[[waypoint]]\nnorth = \"0 m\"\neast = \"0 m\"\n\
+                [[waypoint]]\nnorth = \"0 m\"\neast = \"50 m\"\n";
+    let vehicles = with_variant(text);
+    assert_eq!(Vehicle::names(vehicles.path()).unwrap(), ["long", "uagv"]);
+    let uagv = Vehicle::find(vehicles.path(), "uagv").unwrap();
+    let long = Vehicle::find(vehicles.path(), "long").unwrap();
+    assert_eq!((long.name(), long.variant_of()), ("long", Some("uagv")));
+    assert_eq!(uagv.variant_of(), None);
+    assert_eq!(long.manifest().summary, "long");
+    let machine = |vehicle: &Vehicle| vehicle.manifest().machine.clone().unwrap();
+    let (own, other) = (machine(&long), machine(&uagv));
+    assert!((own.antenna_to_front.get() - 1.5).abs() < 1e-12);
+    assert!(own.weights.is_none() && other.weights.is_some());
+    assert_eq!(
+        (own.limits, own.rear_to_antenna),
+        (other.limits, other.rear_to_antenna)
+    );
+    assert!(long.manifest().row_guidance.is_none());
+    assert!((long.manifest().waypoints[1].east.get() - 50.0).abs() < 1e-9);
+    assert_eq!(long.nodes().len(), uagv.nodes().len());
+    assert_eq!(long.network_file(), uagv.network_file());
+    assert_eq!(long.task_table(), uagv.task_table());
+    let values = Overrides::parse("machine.cruise=1.5").unwrap();
+    let faster = Vehicle::find_with(vehicles.path(), "long", &values).unwrap();
+    assert!((machine(&faster).cruise.get() - 1.5).abs() < 1e-12);
+    assert!((machine(&faster).antenna_to_front.get() - 1.5).abs() < 1e-12);
+}
+
+#[test]
+fn a_wrong_variant_is_told_in_one_sentence() {
+    let cases = [
+        (
+            "without = [\"machine.weight\"]",
+            "variants/long/vehicle.toml: without: the other vehicle has no \"machine.weight\"",
+        ),
+        ("without = \"machine\"", "without: a list of keys"),
+        (
+            "[machine]\nwheelbase = \"2 m\"",
+            "variants/long/vehicle.toml: machine.wheelbase: unknown field",
+        ),
+        (
+            "without = [\"machine.weights\"]\n[machine]\ncruise = \"fast\"",
+            "variants/long/vehicle.toml: machine.cruise: ",
+        ),
+        // They were found for another machine.
+        (
+            "[machine]\ncruise = \"0.9 m/s\"",
+            "variants/long/vehicle.toml: machine.cruise: the other vehicle's machine.weights were found for its own: \
+             without = [\"machine.weights\"], or weights for this machine, are accepted",
+        ),
+        (
+            "[machine\n",
+            "variants/long/vehicle.toml: line 1: this is not TOML",
+        ),
+        (
+            "without = [\"machine.weights\"]\n[machine]\ncruise = \"3 m/s\"",
+            "machine.limits.speed, which machine.cruise must not exceed",
+        ),
+    ];
+    for (text, sentence) in cases {
+        let vehicles = with_variant(text);
+        let said = Vehicle::find(vehicles.path(), "long").unwrap_err();
+        let said = said.to_string();
+        assert!(said.contains(sentence), "{said}");
+        assert!(!said.contains('\n'), "{said}");
+    }
+    let vehicles = with_variant("summary = \"long\"");
+    std::fs::write(vehicles.path().join("uagv/vehicle.toml"), "summary = 1\n").unwrap();
+    let said = Vehicle::find(vehicles.path(), "long").unwrap_err();
+    let said = said.to_string();
+    assert!(said.contains("uagv/vehicle.toml: line 1"), "{said}");
+
+    let twice = with_variant("summary = \"long\"");
+    std::fs::create_dir(twice.path().join("long")).unwrap();
+    std::fs::write(twice.path().join("long/vehicle.toml"), "").unwrap();
+    let said = Vehicle::names(twice.path()).unwrap_err().to_string();
+    assert!(
+        said.starts_with("two vehicles have the name \"long\""),
+        "{said}"
+    );
 }

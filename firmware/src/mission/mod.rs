@@ -16,7 +16,7 @@ mod work;
 pub use record::{FORMAT, Head, Kept, Recorded, Stored, Verification, dropped, words};
 pub use sections::{NEVER, Told, lead, told};
 pub use shown::{Shown, Stage};
-pub use work::{At, State, Work};
+pub use work::{At, FAR, Standing, State, Stray, Work};
 
 #[cfg(feature = "f446")]
 pub use replace::replace;
@@ -38,16 +38,40 @@ pub struct Design {
     pub ahead: f32,
     /// From the rear axle to the rear, m.
     pub behind: f32,
+    /// How far paths stay away from fence and obstacles beside this ground, m.
+    pub clearance: f32,
+    /// How far beside its path the vehicle may work: farther off it, all sections are off, m.
+    pub aside: f32,
+    /// Largest acceleration of its drive, m/s^2.
+    pub acceleration: f32,
 }
 
 impl Design {
-    /// What a mission may ask of a vehicle with these settings of its law.
-    pub fn settings(&self, controller: &Settings<f32>) -> MissionSettings<f32> {
-        let footprint = Footprint {
+    /// The ground that the vehicle covers.
+    pub const fn footprint(&self) -> Footprint<f32> {
+        Footprint {
             half_width: self.half_width,
             ahead: self.ahead,
             behind: self.behind,
-        };
-        MissionSettings::for_controller(controller, footprint, self.turn_speed, self.reserve)
+        }
+    }
+
+    /// What a mission may ask of a vehicle with these settings of its law.
+    pub fn settings(&self, controller: &Settings<f32>) -> MissionSettings<f32> {
+        let mut settings = MissionSettings::for_controller(
+            controller,
+            self.footprint(),
+            self.turn_speed,
+            self.reserve,
+        );
+        settings.clearance = self.clearance;
+        // A mission accelerates gently, and no faster than the drive.
+        settings.pace.acceleration = settings.pace.acceleration.min(self.acceleration);
+        settings
     }
 }
+
+#[cfg(test)]
+#[path = "../../tests/support/missions.rs"]
+#[expect(unreachable_pub, reason = "the fuzz target has it, too")]
+mod example;

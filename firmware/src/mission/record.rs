@@ -4,11 +4,12 @@
 //! | --- | --- |
 //! | 0 | `FMIS`, which tells a record from an erased or foreign place |
 //! | 1 | number of the format, [`FORMAT`]; in bit 16 whether the mission is repeated |
-//! | 2 | number of legs; in the upper half that of the fence's corners |
+//! | 2 | number of legs in the lower half; then a byte with that of the fence's corners, and one with that of the obstacles' |
 //! | 3, 4 | the origin of its frame, north and east of the base station, mm |
 //! | 5 | CRC-32 of all other words of the record, in order |
 //! | 6.. | the legs, [`LEG`] words each |
 //! | behind them | the corners of the fence, north and east, m |
+//! | behind them | the corners of the obstacles, likewise; each obstacle ends with its first corner again |
 //!
 //! A leg: north, east (m) and heading (rad) of the rear axle at its beginning, curvature (1/m), sharpness (1/m^2) and
 //! length (m), all in single precision; then speed (mm/s) in the lower half of a word, sections of the implement in the
@@ -16,16 +17,15 @@
 //! little-endian.
 
 use control::dubins::Pose;
-use control::fence::{CORNERS, Point};
+use control::fence::{CORNERS, Corners as _, OBSTACLE_CORNERS, Point};
 use control::mission::{End, Join, LEGS, Leg, Mission};
 use control::position::Position;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
-use heapless::Vec;
 
 pub(super) const MAGIC: u32 = u32::from_le_bytes(*b"FMIS");
 
 /// The number of the format.
-pub const FORMAT: u16 = 1;
+pub const FORMAT: u16 = 2;
 
 /// Words before the legs, and of a leg.
 pub(super) const HEAD: usize = 6;
@@ -68,7 +68,27 @@ pub struct Head {
     origin: Position,
     end: End,
     legs: usize,
-    fence: Vec<Point<f32>, CORNERS>,
+    /// Corners of the fence and of the obstacles.
+    fence: usize,
+    obstacles: usize,
+}
+
+/// Corners as they stand in a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Corners<'a>(&'a [[u32; 2]]);
+
+impl control::fence::Corners<f32> for Corners<'_> {
+    fn count(self) -> usize {
+        self.0.len()
+    }
+
+    fn corner(self, number: usize) -> Option<Point<f32>> {
+        let &[north, east] = self.0.get(number)?;
+        Some(Point {
+            north: f32::from_bits(north),
+            east: f32::from_bits(east),
+        })
+    }
 }
 
 /// A mission in words that somebody holds.
@@ -76,6 +96,8 @@ pub struct Head {
 pub struct Recorded<'a> {
     head: &'a Head,
     legs: &'a [[u32; LEG]],
+    fence: Corners<'a>,
+    obstacles: Corners<'a>,
 }
 
 impl Stored {
@@ -104,12 +126,13 @@ impl Kept {
 
 impl Head {
     /// Reads the record at the beginning of these words; `None` if it is not whole or not of this format. One without
-    /// legs stands for a mission that was dropped.
+    /// legs stands for a mission that was dropped. The first word may have lost two bits: it is the same in all records.
     pub fn read(words: &[u32]) -> Option<Self> {
         let head = Self::parse(words)?;
-        let covered = words.get(..head.length())?.iter().enumerate();
+        let covered = words.get(..head.length())?.iter().enumerate().skip(1);
         let covered = covered.filter(|(at, _)| *at != CHECK);
-        let sum = checked(covered.map(|(_, word)| *word));
+        let covered = covered.map(|(_, word)| *word);
+        let sum = checked(core::iter::once(MAGIC).chain(covered));
         (words.get(CHECK) == Some(&sum)).then_some(head)
     }
 
@@ -118,30 +141,21 @@ impl Head {
         let (head, rest) = words.split_first_chunk::<HEAD>()?;
         let [magic, format, counts, north, east, _] = *head;
         let repeat = format & REPEAT != 0;
-        if magic != MAGIC || format & !REPEAT != u32::from(FORMAT) {
+        if (magic ^ MAGIC).count_ones() > 2 || format & !REPEAT != u32::from(FORMAT) {
             return None;
         }
-        let (count, corners) = (counts as u16 as usize, (counts >> 16) as usize);
-        if count > LEGS || corners > CORNERS {
+        let legs = counts as u16 as usize;
+        let [.., fence, obstacles] = counts.to_le_bytes().map(usize::from);
+        if legs > LEGS || fence > CORNERS || obstacles > OBSTACLE_CORNERS {
             return None;
         }
-        let (_, rest) = rest.split_at_checked(count * LEG)?;
-        let corners = rest.get(..corners * 2)?;
-        let (corners, _) = corners.as_chunks();
-        let mut fence = Vec::new();
-        // loop-bound: 64. control::fence::CORNERS.
-        for &[north, east] in corners {
-            // There is room: they were counted.
-            let _ = fence.push(Point {
-                north: f32::from_bits(north),
-                east: f32::from_bits(east),
-            });
-        }
-        Some(Self {
+        let length = legs * LEG + (fence + obstacles) * 2;
+        (rest.len() >= length).then_some(Self {
             origin: Position::new(north.cast_signed(), east.cast_signed()),
             end: if repeat { End::Repeat } else { End::Stop },
-            legs: count,
+            legs,
             fence,
+            obstacles,
         })
     }
 
@@ -152,21 +166,35 @@ impl Head {
 
     /// Words of the record.
     pub fn length(&self) -> usize {
-        HEAD + self.legs * LEG + self.fence.len() * 2
+        HEAD + self.legs * LEG + (self.fence + self.obstacles) * 2
     }
 
     /// The mission with this head, in the words that it was read from.
     pub fn of<'a>(&'a self, words: &'a [u32]) -> Recorded<'a> {
-        let legs = words.get(HEAD..).unwrap_or_default();
+        let rest = words.get(HEAD..).unwrap_or_default();
+        let (legs, corners) = rest
+            .split_at_checked(self.legs * LEG)
+            .unwrap_or((rest, &[]));
         let (legs, _) = legs.as_chunks();
+        let (corners, _) = corners.as_chunks();
+        let (fence, rest) = corners
+            .split_at_checked(self.fence)
+            .unwrap_or((corners, &[]));
         Recorded {
             head: self,
             legs: legs.get(..self.legs).unwrap_or_default(),
+            fence: Corners(fence),
+            obstacles: Corners(rest.get(..self.obstacles).unwrap_or_default()),
         }
     }
 }
 
-impl Mission<f32> for Recorded<'_> {
+impl<'w> Mission<f32> for Recorded<'w> {
+    type Corners<'a>
+        = Corners<'w>
+    where
+        Self: 'a;
+
     fn origin(&self) -> Position {
         self.head.origin
     }
@@ -197,8 +225,12 @@ impl Mission<f32> for Recorded<'_> {
         })
     }
 
-    fn fence(&self) -> &[Point<f32>] {
-        &self.head.fence
+    fn fence(&self) -> Corners<'w> {
+        self.fence
+    }
+
+    fn obstacles(&self) -> Corners<'w> {
+        self.obstacles
     }
 
     fn end(&self) -> End {
@@ -243,7 +275,7 @@ pub fn dropped() -> [u32; HEAD] {
 
 fn checked(words: impl Iterator<Item = u32>) -> u32 {
     let mut digest = CRC.digest();
-    // loop-bound: 28805. The longest record: 4096 legs of seven words and 64 corners.
+    // loop-bound: 28933. The longest record: 4096 legs of seven words and twice 64 corners.
     for word in words {
         digest.update(&word.to_le_bytes());
     }
@@ -271,8 +303,10 @@ fn leg(leg: &Leg<f32>) -> [u32; LEG] {
 
 /// The record of a mission, word by word; `None` if it has no leg, or more legs or corners than a record may have.
 pub fn words<M: Mission<f32>>(mission: &M) -> Option<impl Iterator<Item = u32>> {
-    let (legs, corners) = (mission.count(), mission.fence().len());
-    if legs == 0 || legs > LEGS || corners > CORNERS {
+    let legs = mission.count();
+    let (fence, obstacles) = (mission.fence(), mission.obstacles());
+    let (edges, outlines) = (fence.count(), obstacles.count());
+    if legs == 0 || legs > LEGS || edges > CORNERS || outlines > OBSTACLE_CORNERS {
         return None;
     }
     let origin = mission.origin();
@@ -284,13 +318,15 @@ pub fn words<M: Mission<f32>>(mission: &M) -> Option<impl Iterator<Item = u32>> 
     let head = [
         MAGIC,
         u32::from(FORMAT) | repeat,
-        legs as u32 | (corners as u32) << 16,
+        legs as u32 | (edges as u32) << 16 | (outlines as u32) << 24,
         origin.north.cast_unsigned(),
         origin.east.cast_unsigned(),
     ];
     let body = move || {
         let all = (0..legs).filter_map(|number| mission.leg(number));
-        let corners = mission.fence().iter();
+        let fence = (0..edges).filter_map(move |number| fence.corner(number));
+        let obstacles = (0..outlines).filter_map(move |number| obstacles.corner(number));
+        let corners = fence.chain(obstacles);
         let corners = corners.flat_map(|at| [at.north.to_bits(), at.east.to_bits()]);
         all.flat_map(|one| leg(&one)).chain(corners)
     };
@@ -309,6 +345,10 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    fn all<C: control::fence::Corners<f32>>(corners: C) -> impl Iterator<Item = Point<f32>> {
+        (0..).map_while(move |number| corners.corner(number))
+    }
 
     fn read(words: Vec<u32>) -> Stored {
         Stored::read(Box::leak(words.into_boxed_slice()))
@@ -356,6 +396,7 @@ mod tests {
             origin: Position::new(0, 0),
             legs: &[],
             fence: &[],
+            obstacles: &[],
             end: End::Stop,
         };
         assert!(words(&none).is_none());
@@ -373,12 +414,13 @@ mod tests {
     proptest! {
         #[test]
         fn a_record_is_read_back(
-            legs in legs(), fence in corners(), north: i32, east: i32, repeat: bool, beyond in 0..9_usize
+            legs in legs(), fence in corners(), obstacles in corners(), north: i32, east: i32, repeat: bool, beyond in 0..9_usize
         ) {
             let written = Legs {
                 origin: Position::new(north, east),
                 legs: &legs,
                 fence: &fence,
+                obstacles: &obstacles,
                 end: if repeat { End::Repeat } else { End::Stop },
             };
             let mut record: Vec<u32> = words(&written).unwrap().collect();
@@ -394,7 +436,8 @@ mod tests {
             prop_assert_eq!(verified, Some(true));
             let found = found.mission();
             prop_assert_eq!((found.origin(), found.end()), (written.origin, written.end));
-            prop_assert_eq!(found.fence(), written.fence);
+            prop_assert!(all(found.fence()).eq(all(written.fence)));
+            prop_assert!(all(found.obstacles()).eq(all(written.obstacles)));
             prop_assert_eq!(found.count(), legs.len());
             for (number, leg) in legs.iter().enumerate() {
                 prop_assert_eq!(found.leg(number), Some(*leg));
@@ -407,7 +450,7 @@ mod tests {
             legs in legs(), fence in corners(), word: prop::sample::Index, change in 1..=u32::MAX,
             cut: Option<prop::sample::Index>
         ) {
-            let written = Legs { origin: Position::new(1, 2), legs: &legs, fence: &fence, end: End::Stop };
+            let written = Legs { origin: Position::new(1, 2), legs: &legs, fence: &fence, obstacles: &fence, end: End::Stop };
             let mut record: Vec<u32> = words(&written).unwrap().collect();
             match cut {
                 Some(cut) => {

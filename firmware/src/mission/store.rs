@@ -1,24 +1,30 @@
 //! Two places in the flash for missions, of which one holds the mission that counts.
 //!
 //! A new mission is written into the other place, so a loss of power leaves the old one or the new one, whatever
-//! word was being written. A place has the record at its beginning and its number in its last two words:
+//! word was being written. A place has the record at its beginning and its number in its last four words:
 //!
 //! | word of the place | contents |
 //! | --- | --- |
-//! | 0 | the record's first word, which is written last and makes all else count |
+//! | 0 | the record's first word, which is written last but one and makes all else count |
 //! | 1.. | the rest of the record |
-//! | last but one | number of the mission: the higher one of the two places counts |
-//! | last | CRC-32 of that number and the record's check value |
+//! | last but three | number of the mission: the higher one of the two places counts |
+//! | last but two | the same number, inverted |
+//! | last but one | CRC-32 of the number |
+//! | last | the record's first word again, which tells a damaged one in word 0 from one that was not written to its end |
+//!
+//! So whichever two bits of both places are lost, the numbers of both are still known, and no older mission is driven in
+//! place of a damaged one: the three words of two numbers differ in five bits or more, which leaves the true number the
+//! only one within two bits. Word 0 is the same in all records, so two lost bits of it do no harm.
 //!
 //! A debug probe writes the record alone. It has number 0.
 //!
 //! The flash is erased in units of a place. While it is erased or written, the core cannot read its program
 //! (RM0390 3.4), so a node writes when it has left the bus, and starts anew afterwards.
 
-use super::record::{CHECK, CRC, HEAD, Head, MAGIC, Stored};
+use super::record::{CRC, HEAD, Head, MAGIC, Stored};
 
 /// Words behind the record, at the end of a place.
-const END: usize = 2;
+const END: usize = 4;
 
 /// A place of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,32 +71,56 @@ enum Content {
     Damaged(Option<u32>),
 }
 
-/// The number of a record that may be damaged.
+/// Bits that a place may lose while its number is still known.
+const LOST: u32 = 2;
+
+/// The number of a record that may be damaged: the one of which the words behind the record have lost two bits at most.
 fn number(place: &[u32]) -> Option<u32> {
-    let check = *place.get(CHECK)?;
-    match *place.last_chunk::<END>()? {
-        [u32::MAX, u32::MAX] => Some(0),
-        [number, sum] if sum == sealed(number, check) => Some(number),
-        _ => None,
+    let &[number, inverse, sum, _] = place.last_chunk::<END>()?;
+    let erased = [number, inverse, sum].map(u32::count_zeros);
+    if erased.iter().sum::<u32>() <= LOST {
+        return Some(0);
     }
+    let mut found = None;
+    let mut consider = |candidate: u32| {
+        let lost = (candidate ^ number).count_ones()
+            + (!candidate ^ inverse).count_ones()
+            + (sealed(candidate) ^ sum).count_ones();
+        if lost <= LOST {
+            found = Some(candidate);
+        }
+    };
+    consider(number);
+    consider(!inverse);
+    // Both copies have lost a bit.
+    // loop-bound: 32
+    for bit in 0..u32::BITS {
+        consider(number ^ 1 << bit);
+    }
+    found
 }
 
-/// The last word of a place.
-fn sealed(number: u32, check: u32) -> u32 {
-    let mut digest = CRC.digest();
-    digest.update(&number.to_le_bytes());
-    digest.update(&check.to_le_bytes());
-    digest.finalize()
+/// The check value of a number.
+// Not inlined, so that the analysis bounds its loop once.
+#[inline(never)]
+fn sealed(number: u32) -> u32 {
+    CRC.checksum(&number.to_le_bytes())
 }
 
 fn content(place: &[u32]) -> Content {
     match place.first() {
         None => Content::Nothing,
         // Only some of its bits were written, or none.
-        Some(word) if *word != MAGIC && word & MAGIC == MAGIC => Content::Nothing,
+        Some(word)
+            if (word ^ MAGIC).count_ones() > LOST
+                && word & MAGIC == MAGIC
+                && place.last() != Some(&MAGIC) =>
+        {
+            Content::Nothing
+        }
         Some(_) => match (Head::read(place), number(place)) {
             (Some(_), Some(number)) => Content::Whole(number),
-            (_, number) => Content::Damaged(number.filter(|_| place.first() == Some(&MAGIC))),
+            (_, number) => Content::Damaged(number),
         },
     }
 }
@@ -100,11 +130,18 @@ const fn is_higher(one: u32, other: u32) -> bool {
     one.wrapping_sub(other).cast_signed() > 0
 }
 
-/// Finds the mission that counts in two places of the same length.
-pub fn find(words: &'static [u32]) -> Found {
-    let (first, second) = words.split_at(words.len() / 2);
-    let places = [first, second];
-    let contents = places.map(content);
+/// What two places are worth together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Judged {
+    /// The newest whole record, with its number.
+    newest: Option<(Place, u32)>,
+    /// There is a damaged record, newer than that. No older mission is driven in its place.
+    replaced: bool,
+    /// The number of the next mission.
+    next: u32,
+}
+
+fn judged(contents: [Content; 2]) -> Judged {
     let mut newest: Option<(Place, u32)> = None;
     let mut highest = 0;
     let mut lost = None;
@@ -128,10 +165,24 @@ pub fn find(words: &'static [u32]) -> Found {
             highest = known;
         }
     }
-    let next = highest.wrapping_add(1).max(1);
+    Judged {
+        newest,
+        replaced: lost.is_some_and(|lost| newest.is_none_or(|(_, number)| is_higher(lost, number))),
+        next: highest.wrapping_add(1).max(1),
+    }
+}
+
+/// Finds the mission that counts in two places of the same length.
+pub fn find(words: &'static [u32]) -> Found {
+    let (first, second) = words.split_at(words.len() / 2);
+    let Judged {
+        newest,
+        replaced,
+        next,
+    } = judged([first, second].map(content));
     let Some((place, number)) = newest else {
         return Found {
-            stored: if lost.is_some() {
+            stored: if replaced {
                 Stored::Damaged
             } else {
                 Stored::None
@@ -145,15 +196,17 @@ pub fn find(words: &'static [u32]) -> Found {
         Place::First => first,
         Place::Second => second,
     };
-    // The mission that should count is damaged: an older one is not driven in its place.
-    let replaced = lost.is_some_and(|lost| is_higher(lost, number));
+    let stored = if replaced {
+        Stored::Damaged
+    } else {
+        Stored::read(words)
+    };
     Found {
-        stored: if replaced {
-            Stored::Damaged
-        } else {
-            Stored::read(words)
+        number: match stored {
+            Stored::None => 0,
+            Stored::Mission(_) | Stored::Damaged => number,
         },
-        number,
+        stored,
         free: place.other(),
         next,
     }
@@ -176,9 +229,6 @@ pub fn write(flash: &mut impl Flash, place: Place, number: u32, record: &[u32]) 
     let Some((&head, rest)) = record.split_first() else {
         return false;
     };
-    let Some(&check) = record.get(CHECK) else {
-        return false;
-    };
     if record.len() < HEAD || record.len() > end || head != MAGIC {
         return false;
     }
@@ -192,8 +242,10 @@ pub fn write(flash: &mut impl Flash, place: Place, number: u32, record: &[u32]) 
         }
     }
     flash.write(place, end, number)
-        && flash.write(place, end + 1, sealed(number, check))
+        && flash.write(place, end + 1, !number)
+        && flash.write(place, end + 2, sealed(number))
         && flash.write(place, 0, head)
+        && flash.write(place, end + 3, head)
 }
 
 #[cfg(test)]
@@ -301,11 +353,12 @@ mod tests {
             length: 5.0,
             speed: 1.0,
             ..Leg::default()
-        }; 3];
+        }; 1];
         let mission = Legs {
             origin: Position::new(north, 0),
             legs: &legs,
             fence: &[],
+            obstacles: &[],
             end: End::Stop,
         };
         words(&mission).unwrap().collect()
@@ -321,7 +374,9 @@ mod tests {
             assert_eq!(chip.found().number, number.cast_unsigned());
         }
         assert!(chip.put(&dropped()));
-        assert_eq!((chip.mission(), chip.found().number), (None, 5));
+        // A mission that was dropped has no number, but the next one goes on.
+        assert_eq!((chip.mission(), chip.found().number), (None, 0));
+        assert_eq!(chip.found().next, 6);
     }
 
     #[test]
@@ -332,6 +387,24 @@ mod tests {
         assert_eq!((chip.mission(), chip.found().number), (Some(7), 0));
         assert!(chip.put(&record(8)));
         assert_eq!((chip.mission(), chip.found().number), (Some(8), 1));
+    }
+
+    /// What a probe wrote has no second copy of its first word, and neither has a mission behind which power failed.
+    #[test]
+    fn the_first_word_may_lose_two_bits() {
+        let mut probed = Chip::new();
+        let written = record(7);
+        probed.words[..written.len()].copy_from_slice(&written);
+        let mut cut = Chip::new();
+        assert!(cut.put(&record(1)) && cut.put(&record(2)));
+        *cut.words.last_mut().unwrap() = u32::MAX;
+        for (chip, first, mission) in [(probed, 0, 7), (cut, PLACE, 2)] {
+            for (one, other) in (0..32).flat_map(|one| (0..=one).map(move |other| (one, other))) {
+                let mut chip = chip.clone();
+                chip.words[first] ^= 1 << one | 1 << other;
+                assert_eq!(chip.mission(), Some(mission), "bits {one}, {other}");
+            }
+        }
     }
 
     #[test]
@@ -360,15 +433,81 @@ mod tests {
         let mut chip = Chip::new();
         assert!(chip.put(&record(1)) && chip.put(&record(2)));
         let whole = chip.clone();
-        for at in (PLACE..PLACE + record(2).len()).skip(1) {
+        for (at, bit) in (PLACE..2 * PLACE).flat_map(|at| (0..32).map(move |bit| (at, bit))) {
             chip = whole.clone();
-            chip.words[at] ^= 1 << (at % 32);
-            assert!(matches!(chip.mission(), Some(-1 | 1)), "word {at}");
-            // The check value itself: then nobody knows which number it had.
-            let check = PLACE + CHECK;
-            assert_eq!(chip.mission() == Some(1), at == check, "word {at}");
+            chip.words[at] ^= 1 << bit;
+            // Words between the record and its number belong to neither, and each of the last ones is known from others.
+            let of_record = (PLACE + 1..PLACE + record(2).len()).contains(&at);
+            let expected = if of_record { -1 } else { 2 };
+            assert_eq!(chip.mission(), Some(expected), "word {at}, bit {bit}");
             assert!(chip.put(&record(3)));
             assert_eq!(chip.mission(), Some(3));
+        }
+    }
+
+    /// Of three bits or more, both copies already differ in six. The difference of two check values depends on that of the
+    /// numbers only.
+    #[test]
+    fn two_numbers_differ_in_five_bits_or_more() {
+        let pairs = (0..32).flat_map(|one| (0..=one).map(move |other| 1_u32 << one | 1 << other));
+        let apart = |bits: u32| 2 * bits.count_ones() + (sealed(bits) ^ sealed(0)).count_ones();
+        assert!(pairs.map(apart).min() >= Some(2 * LOST + 1));
+    }
+
+    /// The bits of a place that say something: those of the record and of the last words.
+    fn telling(record: &[u32]) -> Vec<(usize, u32)> {
+        let words = (0..record.len()).chain(PLACE - END..PLACE);
+        words
+            .flat_map(|at| (0..32).map(move |bit| (at, 1 << bit)))
+            .collect()
+    }
+
+    /// What a place is with any one of its bits lost, and with any two of them.
+    fn with_losses(place: &[u32], bits: &[(usize, u32)]) -> (Vec<Content>, Vec<Content>) {
+        let mut place = place.to_vec();
+        let (mut one, mut two) = (Vec::new(), Vec::new());
+        for (index, &(at, bit)) in bits.iter().enumerate() {
+            place[at] ^= bit;
+            one.push(content(&place));
+            for &(at, bit) in &bits[index + 1..] {
+                place[at] ^= bit;
+                two.push(content(&place));
+                place[at] ^= bit;
+            }
+            place[at] ^= bit;
+        }
+        (one, two)
+    }
+
+    /// Whichever two bits of both places are lost, the newer mission counts or none. Behind a mission of 0xFFFF a lost bit
+    /// makes more of a difference than behind the first ones.
+    #[test]
+    fn no_two_lost_bits_bring_an_older_mission_back() {
+        for number in [1, 2, 0xFFFF, 0x7FFF_FFFE] {
+            for newer in [record(2), dropped().to_vec()] {
+                let mut chip = Chip::new();
+                assert!(write(&mut chip, Place::First, number, &record(1)));
+                assert!(write(&mut chip, Place::Second, number + 1, &newer));
+                let (older, newer) = (
+                    with_losses(&chip.words[..PLACE], &telling(&record(1))),
+                    with_losses(&chip.words[PLACE..], &telling(&newer)),
+                );
+                let whole = (Content::Whole(number), Content::Whole(number + 1));
+                let within_older = older.1.iter().map(|older| [*older, whole.1]);
+                let within_newer = newer.1.iter().map(|newer| [whole.0, *newer]);
+                let one_in_each = older
+                    .0
+                    .iter()
+                    .flat_map(|older| newer.0.iter().map(|newer| [*older, *newer]));
+                let all = within_older.chain(within_newer).chain(one_in_each);
+                let back = all.filter(|contents| {
+                    let Judged {
+                        newest, replaced, ..
+                    } = judged(*contents);
+                    !replaced && newest != Some((Place::Second, number + 1))
+                });
+                assert_eq!(back.count(), 0, "of {number}");
+            }
         }
     }
 
@@ -386,7 +525,7 @@ mod tests {
             for new in [record(20), dropped().to_vec()] {
                 let is = (new.len() > HEAD).then_some(20);
                 for (left, chance) in
-                    (0..=new.len() + 3).flat_map(|left| (1..40).map(move |c| (left, c)))
+                    (0..=new.len() + 5).flat_map(|left| (1..40).map(move |c| (left, c)))
                 {
                     let mut chip = Chip {
                         left,
@@ -400,7 +539,7 @@ mod tests {
                         "{before}, {left}: {left_behind:?}"
                     );
                     assert!(
-                        left > new.len() || left_behind == was,
+                        left > new.len() + 3 || left_behind == was,
                         "{before}, {left}: {left_behind:?}"
                     );
                     chip.left = usize::MAX;

@@ -21,7 +21,7 @@
 //! Anybody on the bus could forge a request. So a node with a key ([`crate::e2e`]) refuses all but the question for
 //! its state: the messages have no room for a tag. There a mission comes by the debug probe.
 
-use control::fence::FenceError;
+use control::fence::{FenceError, ObstacleError};
 use control::mission::{Check, Fault, MissionSettings, Violation};
 use control::turn::TurnError;
 use heapless::Deque;
@@ -226,6 +226,16 @@ reasons! {
     NoRoom = 45, "turn room", "there is no room for the turn to the next leg";
     /// [`Fault::Turn`]: it is not usable otherwise.
     Turn = 46, "turn", "there is no turn to the next leg";
+    /// The corners of the obstacles.
+    Obstacles = 47, "obstacles", "its obstacles are not usable";
+    /// [`Fault::Obstacle`].
+    Obstacle = 48, "obstacle", "the vehicle would touch an obstacle";
+    /// [`FenceError::Crossing`].
+    FenceCrossing = 49, "fence knot", "two sides of its fence meet";
+    /// [`ObstacleError::Crossing`].
+    ObstacleCrossing = 50, "knot", "two sides of one of its obstacles meet";
+    /// [`Violation::Origin`].
+    Origin = 51, "origin", "its origin is too far from the base station";
 }
 
 impl Reason {
@@ -235,6 +245,26 @@ impl Reason {
             .iter()
             .copied()
             .find(|reason| reason.code() == code)
+    }
+
+    /// Whether it is of a leg, and not of the mission as a whole.
+    pub const fn is_of_leg(self) -> bool {
+        matches!(
+            self,
+            Self::NotFinite
+                | Self::TooFar
+                | Self::Length
+                | Self::Speed
+                | Self::Curvature
+                | Self::Sharpness
+                | Self::Outside
+                | Self::Obstacle
+                | Self::JoinPosition
+                | Self::JoinHeading
+                | Self::JoinCurvature
+                | Self::NoRoom
+                | Self::Turn
+        )
     }
 
     const fn of_failure(failure: Failure) -> Self {
@@ -252,8 +282,15 @@ impl Reason {
         match *violation {
             Violation::Settings => (Self::Settings, 0),
             Violation::Count(_) => (Self::Count, 0),
+            Violation::Origin => (Self::Origin, 0),
             Violation::Fence(FenceError::Corner(number)) => (Self::Fence, place(number)),
+            Violation::Fence(FenceError::Crossing(number)) => (Self::FenceCrossing, place(number)),
             Violation::Fence(_) => (Self::Fence, 0),
+            Violation::Obstacles(ObstacleError::Corner(number)) => (Self::Obstacles, place(number)),
+            Violation::Obstacles(ObstacleError::Crossing(number)) => {
+                (Self::ObstacleCrossing, place(number))
+            }
+            Violation::Obstacles(_) => (Self::Obstacles, 0),
             Violation::Leg { number, fault } => {
                 let reason = match fault {
                     Fault::NotFinite => Self::NotFinite,
@@ -263,6 +300,7 @@ impl Reason {
                     Fault::Curvature => Self::Curvature,
                     Fault::Sharpness => Self::Sharpness,
                     Fault::Outside => Self::Outside,
+                    Fault::Obstacle => Self::Obstacle,
                     Fault::JoinPosition => Self::JoinPosition,
                     Fault::JoinHeading => Self::JoinHeading,
                     Fault::JoinCurvature => Self::JoinCurvature,
@@ -748,12 +786,11 @@ mod tests {
 
     use std::vec::Vec;
 
-    use control::dubins::Pose;
-    use control::fence::{Footprint, Point};
-    use control::mission::{End, Join, Leg, Legs, Pace};
+    use control::fence::Point;
+    use control::mission::{End, Legs};
     use control::position::Position;
-    use control::turn::TurnSettings;
 
+    use super::super::example;
     use super::super::record::words;
     use super::super::transport::Sender;
     use super::*;
@@ -776,45 +813,17 @@ mod tests {
         ..STANDS
     };
 
-    fn settings() -> MissionSettings<f32> {
-        MissionSettings {
-            wheelbase: 1.1,
-            curvature: 0.35,
-            steering_rate: 0.37,
-            top_speed: 2.0,
-            turn: TurnSettings::for_steering(1.1, 0.43, 0.43, 0.8, 0.15),
-            turn_speed: 0.8,
-            footprint: Footprint {
-                half_width: 0.35,
-                ahead: 1.4,
-                behind: 0.3,
-            },
-            pace: Pace::of_drive(0.3),
-        }
-    }
-
     /// The request with a mission of so many straight legs with this curvature.
     fn request(request: Request, legs: u16, curvature: f32) -> Vec<u8> {
-        let leg = |number: u16| Leg {
-            start: Pose {
-                north: 10.0 * f32::from(number),
-                east: 0.0,
-                heading: 0.0,
-            },
-            curvature,
-            sharpness: 0.0,
-            length: 10.0,
-            speed: 1.0,
-            reverse: false,
-            outputs: 1,
-            join: Join::Continue,
-        };
-        let legs: Vec<_> = (0..legs).map(leg).collect();
+        let legs: Vec<_> = (0..legs)
+            .map(|number| example::northwards(number, curvature))
+            .collect();
         let mission = Legs {
             origin: Position::new(1, 2),
             legs: &legs,
             fence: &[(-9.0, -9.0), (900.0, -9.0), (900.0, 9.0), (-9.0, 9.0)]
                 .map(|(north, east)| Point { north, east }),
+            obstacles: &[],
             end: End::Stop,
         };
         let head = u32::from_le_bytes([request.code(), 42, 0, 0]);
@@ -838,7 +847,7 @@ mod tests {
     impl Node {
         fn new() -> Self {
             Self {
-                session: Session::new(settings()),
+                session: Session::new(example::settings()),
                 words: std::vec![0; WORDS],
                 said: Vec::new(),
                 flow: Vec::new(),
@@ -968,8 +977,9 @@ mod tests {
             node.send(&message, share, &STANDS);
             node.wait(30, &STANDS);
             let refused = Said(UPLOAD, 42, Outcome::Refused, Reason::Silence, 0);
-            assert!(node.jobs.is_empty());
+            // The last frame has up to seven bytes.
             if share < message.len() - 7 {
+                assert!(node.jobs.is_empty());
                 assert_eq!(node.said, [refused], "{share}");
             }
         }
@@ -1123,5 +1133,23 @@ mod tests {
         for request in Request::ALL {
             assert_eq!(Request::of(request.code()), Some(request));
         }
+    }
+
+    #[test]
+    fn reasons_know_whether_they_are_of_a_leg() {
+        let (fault, number) = (Fault::Obstacle, 7);
+        let of_mission = [
+            (Violation::Settings, 0),
+            (Violation::Origin, 0),
+            (Violation::Fence(FenceError::Crossing(7)), 7),
+            (Violation::Obstacles(ObstacleError::Crossing(7)), 7),
+            (Violation::Obstacles(ObstacleError::Open), 0),
+        ];
+        for (violation, place) in of_mission {
+            let (reason, at) = Reason::of_violation(&violation);
+            assert!(!reason.is_of_leg() && at == place, "{violation:?}");
+        }
+        let (reason, at) = Reason::of_violation(&Violation::Leg { number, fault });
+        assert!(reason.is_of_leg() && at == 7);
     }
 }

@@ -1,55 +1,28 @@
 //! The fuzz target of requests for a mission as a function of the fuzzer's bytes.
 
-use control::dubins::Pose;
-use control::fence::Footprint;
-use control::mission::{End, Join, Leg, Legs, MissionSettings, Pace, check};
+use control::mission::{End, Legs, check};
 use control::position::Position;
-use control::turn::TurnSettings;
 use firmware::mission::Head;
 use firmware::mission::transport::Sender;
 use firmware::mission::upload::{Effect, Inbox, Job, Reason, Request, Session, Situation, WORDS};
 
+#[path = "missions.rs"]
+mod missions;
+use missions::{northwards, settings};
+
 /// Frames that the node reads in a basic cycle.
 const FRAMES: usize = 10;
 
-fn settings() -> MissionSettings<f32> {
-    MissionSettings {
-        wheelbase: 1.1,
-        curvature: 0.35,
-        steering_rate: 0.37,
-        top_speed: 2.0,
-        turn: TurnSettings::for_steering(1.1, 0.43, 0.43, 0.8, 0.15),
-        turn_speed: 0.8,
-        footprint: Footprint {
-            half_width: 0.35,
-            ahead: 1.4,
-            behind: 0.3,
-        },
-        pace: Pace::of_drive(0.3),
-    }
-}
-
 /// The frames of a mission of so many legs, in the blocks that the receiver grants.
 fn upload(request: Request, legs: u8, curvature: f32) -> Vec<[u8; 8]> {
-    let leg = |number: u8| Leg {
-        start: Pose {
-            north: 10.0 * f32::from(number),
-            east: 0.0,
-            heading: 0.0,
-        },
-        curvature,
-        sharpness: 0.0,
-        length: 10.0,
-        speed: 1.0,
-        reverse: false,
-        outputs: 1,
-        join: Join::Continue,
-    };
-    let legs: Vec<_> = (0..legs.max(1)).map(leg).collect();
+    let legs: Vec<_> = (0..legs.max(1))
+        .map(|number| northwards(number.into(), curvature))
+        .collect();
     let mission = Legs {
         origin: Position::new(1, 2),
         legs: &legs,
         fence: &[],
+        obstacles: &[],
         end: End::Stop,
     };
     let head = u32::from_le_bytes([request.code(), 1, 0, 0]);

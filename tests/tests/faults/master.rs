@@ -5,7 +5,7 @@ use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds};
 
-use crate::mode::{FAULT, IDLE, MANUAL, READY};
+use crate::mode::{FAULT, IDLE, MANUAL, RUN};
 use crate::{RUNNING, first_after, last_before};
 
 const BASIC_PERIOD: f64 = 0.1;
@@ -81,7 +81,11 @@ fn the_motors_stop_when_the_gps_node_is_held_in_reset_in_an_autonomous_run() {
         "reset = [{{ node = \"gps\", at = \"4.03 s\" }}]\n{RUNNING}"
     ));
     assert_stops(&mut journey, 6.5);
-    assert_eq!(journey.mode(), Some(READY));
+    // The pose is bridged without positions, so the loss of the master ends the run.
+    assert_eq!(journey.mode(), Some(FAULT));
+    let backup = first_after(&journey, 101, at(LOST));
+    let event = first_after(&journey, 501, backup.start);
+    assert_eq!(event.data[..3], [RUN, FAULT, MASTER_LOST]);
     journey.assert_in_place();
 }
 

@@ -414,6 +414,7 @@ impl Drawing<'_> {
             "the bus is held dominant for {hold:.6} s from {at:.6} s on"
         ));
         self.sequence.scenario.bus.push(BusEvent::Dominant {
+            id: None,
             at: Time::new(at),
             hold: Time::new(hold),
         });

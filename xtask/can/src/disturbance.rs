@@ -3,7 +3,7 @@
 use embedded_can::Id;
 
 use crate::node_id::NodeId;
-use crate::time::{Ps, SimTime};
+use crate::time::{Ps, SimDuration, SimTime};
 use crate::wire::Level;
 
 /// Selects an attempt to send a frame.
@@ -72,6 +72,16 @@ pub enum Disturbance {
         /// Frames that begin from this time on are left alone.
         until: SimTime,
     },
+    /// The bus is held dominant from behind one bit of a frame on, so that it is the frame's sender that finds
+    /// the errors.
+    Hold {
+        /// The frame.
+        frame: FrameSelect,
+        /// The last bit that is left alone, counted from start of frame as 0, stuff bits included.
+        bit: u16,
+        /// How long.
+        hold: SimDuration,
+    },
     /// The bus is held at one level whatever the nodes drive.
     Stuck {
         /// The level.
@@ -121,7 +131,7 @@ impl Active {
     /// A frame starts at `now`: its number and its senders with their identifiers.
     pub(crate) fn frame_started(&mut self, now: Ps, number: u64, senders: &[(Id, NodeId)]) {
         match self.what {
-            Disturbance::Flip { frame, .. } => {
+            Disturbance::Flip { frame, .. } | Disturbance::Hold { frame, .. } => {
                 self.spent |= self.armed;
                 self.armed = match frame {
                     FrameSelect::Number(wanted) => {
@@ -163,6 +173,17 @@ impl Active {
                     self.spent = true;
                     seen_by
                 })
+            }
+            Disturbance::Hold { bit, hold, .. } => {
+                if self.armed && in_frame == Some(bit) {
+                    let from = SimTime::from_ticks(now);
+                    self.what = Disturbance::Stuck {
+                        level: Level::Dominant,
+                        from,
+                        until: from + hold,
+                    };
+                }
+                None
             }
             Disturbance::ErrorRate {
                 per_bit,
@@ -217,7 +238,7 @@ impl Active {
     /// True if the disturbance can have no further effect.
     pub(crate) fn is_over(&self, now: Ps) -> bool {
         match self.what {
-            Disturbance::Flip { .. } => self.spent,
+            Disturbance::Flip { .. } | Disturbance::Hold { .. } => self.spent,
             Disturbance::ErrorRate { until, .. } | Disturbance::Stuck { until, .. } => {
                 now >= until.as_ticks()
             }
@@ -229,7 +250,9 @@ impl Active {
     /// is the bit time. `None` if it cannot affect this frame.
     pub(crate) fn earliest_in_frame(&self, start: Ps, now: Ps, bit: Ps) -> Option<Ps> {
         match self.what {
-            Disturbance::Flip { bit: index, .. } | Disturbance::Suppress { bit: index, .. } => {
+            Disturbance::Flip { bit: index, .. }
+            | Disturbance::Hold { bit: index, .. }
+            | Disturbance::Suppress { bit: index, .. } => {
                 self.armed.then(|| start + u64::from(index) * bit)
             }
             Disturbance::ErrorRate { from, until, .. } => (now < until.as_ticks())
@@ -244,7 +267,7 @@ impl Active {
     /// cannot any more.
     pub(crate) fn earliest_in_future(&self, now: Ps) -> Option<Ps> {
         match self.what {
-            Disturbance::Flip { .. } => Some(now),
+            Disturbance::Flip { .. } | Disturbance::Hold { .. } => Some(now),
             Disturbance::ErrorRate { from, until, .. }
             | Disturbance::Suppress { from, until, .. }
             | Disturbance::Stuck { from, until, .. } => {

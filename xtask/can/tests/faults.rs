@@ -375,6 +375,42 @@ fn a_stuck_bus_makes_receivers_passive_and_drives_senders_off() {
     assert_eq!(bus.read(receiver, ESR) & EPVF, 0);
 }
 
+/// The hold begins within the frame that it waits for, whenever that comes: its sender leaves the bus, and no
+/// other node, as it would be if the hold began at its frame.
+#[test]
+fn a_hold_within_the_frame_of_an_identifier_drives_its_sender_off() {
+    let mut bus = Bus::new();
+    let sender = normal_node(&mut bus, 0);
+    let other = normal_node(&mut bus, 0);
+    let _acknowledges = normal_node(&mut bus, 0);
+    let hold = can_bus::SimDuration::from_ticks(bits(600).as_ticks());
+    bus.disturb(Disturbance::Hold {
+        frame: can_bus::FrameSelect::Id {
+            id: frame(0x123, &[]).id(),
+            occurrence: 0,
+        },
+        bit: 25,
+        hold,
+    });
+    let now = bus.now();
+    request(&mut bus, other, 0, &frame(0x100, &[0x55; 8]), now);
+    bus.advance_to(now + bits(500));
+    assert_eq!(bus.error_counters(other).transmit(), 0);
+    assert_eq!(bus.error_counters(sender).receive(), 0);
+    let now = bus.now();
+    request(&mut bus, sender, 0, &frame(0x123, &[0x55; 8]), now);
+    bus.advance_to(now + bits(580));
+    assert_eq!(bus.read(sender, ESR) & BOFF, BOFF);
+    assert_eq!(bus.read(other, ESR) & BOFF, 0);
+    // Once: the next frame of the other node is sent.
+    bus.advance_to(now + bits(1_000));
+    let now = bus.now();
+    request(&mut bus, other, 0, &frame(0x100, &[0x55; 8]), now);
+    bus.drain_records();
+    bus.advance_to(now + bits(300));
+    assert_eq!(errors(&bus.drain_records()), []);
+}
+
 /// A frame of another identifier passes, and a controller whose frames are destroyed is off the bus after
 /// 32 of them: each adds eight to its transmit error count.
 #[test]

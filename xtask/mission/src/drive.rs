@@ -92,6 +92,7 @@ mod tests {
             origin: Origin::default(),
             width: None,
             fence: Vec::new(),
+            obstacles: Vec::new(),
             legs,
             end,
         }

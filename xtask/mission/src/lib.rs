@@ -12,6 +12,7 @@
 //! - [`read`]: readers of other tools' files
 //! - [`curve`]: a drivable curve through points
 //! - [`drive`]: the pieces that the firmware drives
+//! - [`fence`]: fences and obstacles with few corners
 //! - [`field`]: headland and swaths from a boundary
 //! - [`picture`]: the plan from above, as SVG
 //!
@@ -19,6 +20,7 @@
 
 pub mod curve;
 pub mod drive;
+pub mod fence;
 pub mod field;
 pub mod picture;
 pub mod place;

@@ -181,6 +181,7 @@ pub fn svg(plan: &Plan, options: &Options) -> String {
         })
         .collect();
     let edge = options.field.iter().flat_map(|field| &field.area.outer);
+    let edge = edge.chain(plan.obstacles.iter().flatten());
     let planned = options.turns.iter().flatten();
     let places = plan
         .fence
@@ -239,16 +240,16 @@ fn ground(canvas: &mut Canvas, map: &Map, plan: &Plan, options: &Options) {
     if !plan.fence.is_empty() {
         canvas.path("fence", &format!("{}Z", map.path(&plan.fence)));
     }
-    let Some(field) = options.field else { return };
-    for area in &field.inner {
+    let inner = options.field.iter().flat_map(|field| &field.inner);
+    for area in inner {
         let rings: String = area
             .rings()
             .map(|ring| format!("{}Z", map.path(ring)))
             .collect();
         canvas.path("inner", &rings);
     }
-    for hole in &field.area.holes {
-        canvas.path("hole", &format!("{}Z", map.path(hole)));
+    for obstacle in &plan.obstacles {
+        canvas.path("hole", &format!("{}Z", map.path(obstacle)));
     }
 }
 

@@ -97,6 +97,21 @@ pub fn crossing(corners: &[Local]) -> Option<(usize, usize)> {
     None
 }
 
+/// Where two sides meet that [`crossing`] found.
+#[must_use]
+pub fn meeting(corners: &[Local], (one, other): (usize, usize)) -> Option<Local> {
+    use geo::line_intersection::{LineIntersection, line_intersection};
+    let side = |index: usize| {
+        let (from, to) = sides(corners).nth(index)?;
+        Some(geo::Line::new(coord(from), coord(to)))
+    };
+    let at = match line_intersection(side(one)?, side(other)?)? {
+        LineIntersection::SinglePoint { intersection, .. } => intersection,
+        LineIntersection::Collinear { intersection } => intersection.start,
+    };
+    Some(Local::new(at.y, at.x))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,6 +146,7 @@ mod tests {
     fn crossings_are_named() {
         let bow = places(&[(0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)]);
         assert_eq!(crossing(&bow), Some((0, 2)));
+        assert_eq!(meeting(&bow, (0, 2)), Some(Local::new(2.0, 2.0)));
         let back = places(&[(0.0, 0.0), (4.0, 0.0), (2.0, 0.0), (0.0, 4.0)]);
         assert!(crossing(&back).is_some());
     }

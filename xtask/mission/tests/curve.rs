@@ -314,6 +314,7 @@ fn plan(legs: Vec<Leg>, end: End) -> Plan {
         origin: Origin::default(),
         width: None,
         fence: Vec::new(),
+        obstacles: Vec::new(),
         legs,
         end,
     }

@@ -7,7 +7,7 @@ mod fuzz;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use mission::field::{
-    Area, Direction, Ends, Field, FieldError, Headland, Options, Order, Work, divide,
+    self, Area, Direction, Ends, Field, FieldError, Headland, Options, Order, Work, divide,
 };
 use mission::place::{Local, Origin};
 use mission::plan::{End, Outputs};
@@ -41,6 +41,24 @@ fn apart(field: &Field) -> Vec<usize> {
     pairs
         .map(|pair| pair[0].track.abs_diff(pair[1].track))
         .collect()
+}
+
+/// Both halves of a bow tie have the same area, and only one of them becomes the field.
+#[test]
+fn what_a_crossing_boundary_loses_is_told() {
+    let bow = area(&[(0.0, 0.0), (100.0, 80.0), (0.0, 80.0), (100.0, 0.0)], &[]);
+    let field = divide(&bow, &Options::new(3.0)).unwrap();
+    let half = 0.25 * 100.0 * 80.0;
+    assert!(
+        (field.coverage.field - half).abs() < 1.0,
+        "{:?}",
+        field.coverage
+    );
+    assert!(
+        (field.coverage.lost - half).abs() < 1.0,
+        "{:?}",
+        field.coverage
+    );
 }
 
 #[test]
@@ -509,4 +527,32 @@ proptest! {
     fn no_corners_break_the_division(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
         fuzz::field(&bytes);
     }
+}
+
+#[test]
+fn a_line_ends_where_the_field_does() {
+    let hole = [(40.0, 0.0), (40.0, 60.0), (60.0, 60.0), (60.0, 0.0)];
+    let shape = Area {
+        holes: vec![ring(&hole)],
+        ..hectare()
+    };
+    // From the south, in the direction north: before the hole.
+    let (from, to) = (Local::new(10.0, 30.0), Local::new(11.0, 30.0));
+    let (begin, end) = field::inside(&shape, 5.0, from, to).unwrap();
+    assert!(begin.distance(Local::new(5.0, 30.0)) < 1e-6, "{begin}");
+    assert!(end.distance(Local::new(35.0, 30.0)) < 1e-6, "{end}");
+    // The other way round, from behind the hole.
+    let (from, to) = (Local::new(80.0, 30.0), Local::new(79.0, 30.0));
+    let (begin, end) = field::inside(&shape, 0.0, from, to).unwrap();
+    assert!(begin.distance(Local::new(100.0, 30.0)) < 1e-6, "{begin}");
+    assert!(end.distance(Local::new(60.0, 30.0)) < 1e-6, "{end}");
+    let beside = (Local::new(0.0, 200.0), Local::new(1.0, 200.0));
+    assert_eq!(field::inside(&shape, 0.0, beside.0, beside.1), None);
+}
+
+#[test]
+fn the_headland_counts_in_the_share_of_the_field() {
+    let field = divide(&hectare(), &Options::new(10.0)).unwrap();
+    assert!((field.coverage.share() - 1.0).abs() < 1e-6);
+    assert!((field.coverage.share_of_field() - 0.36).abs() < 1e-6);
 }

@@ -135,6 +135,7 @@ fn a_drive_is_drawn_over_its_plan() {
         width: Some(3.0),
         fence: Vec::new(),
         legs: vec![leg(Local::new(30.0, 0.0)), leg(Local::new(30.0, 20.0))],
+        obstacles: Vec::new(),
         end: End::Stop,
     };
     let turn = vec![vec![Local::new(30.0, 0.0), Local::new(34.0, 2.0)]; 3];
@@ -180,6 +181,7 @@ fn north_is_up_and_lengths_are_true() {
         origin: Origin::default(),
         width: None,
         fence: Vec::new(),
+        obstacles: Vec::new(),
         legs: vec![
             leg((0.0, 0.0), (100.0, 0.0)),
             leg((100.0, 0.0), (100.0, 50.0)),

@@ -108,52 +108,52 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "speed = \"1 m/s\"",
         "speed = \"1 kn\"",
-        "mission field.toml, line 12, leg[0].speed: \"1 kn\" is not a speed: write a number, a blank and the unit m/s, cm/s, mm/s or km/h, such as \"1 m/s\"",
+        "mission field.toml, line 12, leg 1, speed: \"1 kn\" is not a speed: write a number, a blank and the unit m/s, cm/s, mm/s or km/h, such as \"1 m/s\"",
     ),
     (
         "speed = \"1 m/s\"",
         "speed = \"0 m/s\"",
-        "mission field.toml, line 9, leg[0].speed: 0 m/s is out of range, it takes above 0 m/s to 10 m/s",
+        "mission field.toml, line 9, leg 1, speed: 0 m/s is out of range, it takes above 0 m/s to 10 m/s",
     ),
     (
         "speed = \"1 m/s\"",
         "",
-        "mission field.toml, line 9, leg[0]: missing field `speed`",
+        "mission field.toml, line 9, leg 1: missing field `speed`",
     ),
     (
         "speed =",
         "spede =",
-        "mission field.toml, line 12, leg[0].spede: unknown field `spede`, expected one of `from`, `to`, `points`, `speed`, `reverse`, `outputs`, `join`",
+        "mission field.toml, line 12, leg 1, spede: unknown field `spede`, expected one of `from`, `to`, `points`, `speed`, `reverse`, `outputs`, `join`",
     ),
     (
         "from = [0, 0]",
         "from = [0, 0, 0]",
-        "mission field.toml, line 10, leg[0].from: invalid length 3, expected a place: [north, east] in metres, { north = \"1 m\", east = \"2 m\" } or { latitude = \"40.83 deg\", longitude = \"-96.66 deg\" }",
+        "mission field.toml, line 10, leg 1, from: invalid length 3, expected a place: [north, east] in metres, { north = \"1 m\", east = \"2 m\" } or { latitude = \"40.83 deg\", longitude = \"-96.66 deg\" }",
     ),
     (
         "from = [0, 0]",
         "from = [0, 20000]",
-        "mission field.toml, line 9, leg[0].from.east: 20000 m is out of range, it takes -10000 to 10000 m",
+        "mission field.toml, line 9, leg 1, from.east: 20000 m is out of range, it takes -10000 to 10000 m",
     ),
     (
         "from = [0, 0]",
         "",
-        "mission field.toml, line 9, leg[0].from: a leg has from and to, or points; one of the two is accepted",
+        "mission field.toml, line 9, leg 1, from: a leg has from and to, or points; one of the two is accepted",
     ),
     (
         "from = [0, 0]",
         "from = [243, 0]",
-        "mission field.toml, line 9, leg[0].to: the leg is 0.000 m long, 0.1 m or more is accepted",
+        "mission field.toml, line 9, leg 1, to: the leg is 0.000 m long, 0.1 m or more is accepted",
     ),
     (
         "from = [0, 0]",
         "from = { north = \"1 m\" }",
-        "mission field.toml, line 10, leg[0].from: write a place: [north, east] in metres, { north = \"1 m\", east = \"2 m\" } or { latitude = \"40.83 deg\", longitude = \"-96.66 deg\" }",
+        "mission field.toml, line 10, leg 1, from: write a place: [north, east] in metres, { north = \"1 m\", east = \"2 m\" } or { latitude = \"40.83 deg\", longitude = \"-96.66 deg\" }",
     ),
     (
         "from = [0, 0]",
         "from = { latitude = \"91 deg\", longitude = \"0 deg\" }",
-        "mission field.toml, line 10, leg[0].from: 91 deg, 0 deg is no place of the earth: latitudes from -90 to 90 deg and longitudes from -180 to 180 deg are accepted",
+        "mission field.toml, line 10, leg 1, from: 91 deg, 0 deg is no place of the earth: latitudes from -90 to 90 deg and longitudes from -180 to 180 deg are accepted",
     ),
     (
         "latitude = \"40.83 deg\"",
@@ -183,22 +183,32 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "name = \"243 m line\"",
         "name = \"a\"\nfence = [[0, 0], [9, 9], [9, 0], [0, 9]]",
-        "mission field.toml, line 3, fence: the side from corner 0 meets the side from corner 2, a fence without crossings is accepted",
+        "mission field.toml, line 3, fence: the side from corner 0 meets the side from corner 2, a polygon without crossings is accepted",
     ),
     (
         "name = \"243 m line\"",
         "name = \"a\"\nfence = [[-1, -1], [9, -1], [9, 9], [-1, 9]]",
-        "mission field.toml, line 10, leg[0].to: 243.00 m north, 0.00 m east is outside the fence, every point inside is accepted",
+        "mission field.toml, line 10, leg 1, to: 243.00 m north, 0.00 m east is outside the fence, every point inside is accepted",
+    ),
+    (
+        "[[leg]]",
+        "[[obstacle]]\ncorners = [[9, 9], [8, 9], [8, 8]]\n[[obstacle]]\ncorners = [[0, 0], [1, 1]]\n[[leg]]",
+        "mission field.toml, line 11, obstacle 2: 2 corners, 3 to 20000 are accepted",
+    ),
+    (
+        "[[leg]]",
+        "[[obstacle]]\ncorners = [[242, -1], [245, -1], [245, 1], [242, 1]]\n[[leg]]",
+        "mission field.toml, line 11, leg 1, to: 243.00 m north, 0.00 m east is inside obstacle 1, a point outside the obstacles is accepted",
     ),
     (
         "speed = \"1 m/s\"",
         "speed = \"1 m/s\"\noutputs = [1, 9]",
-        "mission field.toml, line 9, leg[0].outputs[1]: there is no section 9, 1 to 8 are accepted",
+        "mission field.toml, line 9, leg 1, outputs[1]: there is no section 9, 1 to 8 are accepted",
     ),
     (
         "speed = \"1 m/s\"",
         "speed = \"1 m/s\"\n[[leg]]\npoints = [[243, 1], [250, 1]]\nspeed = \"1 m/s\"\njoin = \"continue\"",
-        "mission field.toml, line 13, leg[1].join: the leg begins 1.000 m from the end of the leg before, \"continue\" accepts up to 0.01 m, \"turn\" any distance",
+        "mission field.toml, line 13, leg 2, join: the leg begins 1.000 m from the end of the leg before, \"continue\" accepts up to 0.01 m, \"turn\" any distance",
     ),
     (
         "[[leg]]",
@@ -240,7 +250,7 @@ join = "continue"
 "#;
     assert!(Plan::read(square, "").is_ok());
     let open = square.replace("[30, 0], [0, 0]", "[30, 0]");
-    assert!(refused(&open).contains("leg[0].join: the leg begins 30.000 m"));
+    assert!(refused(&open).contains("leg 1, join: the leg begins 30.000 m"));
     // What stops after its last leg does not come back to its first one.
     assert!(Plan::read(&open.replace("repeat", "stop"), "").is_ok());
 }

@@ -2,7 +2,8 @@
 //! of each handler, its releases, and whether the run leaves the analysed paths.
 //!
 //! [`follow`] attaches a [`follower`] to a microcontroller; [`note`] adds what it found to the observations
-//! that the analysis takes.
+//! that the analysis takes. [`slow_down`] makes its core the slowest that the manual allows, which is the one
+//! that bounds as flashed are for.
 
 pub mod follower;
 
@@ -10,10 +11,12 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use schedulability::node::{Entered, Observed, Seen};
-use twin::mcu::Mcu;
+use twin::mcu::{Executed, Mcu};
 use twin::statistics::TaskTimes;
 use wcet::cycles::Model;
 use wcet::image::Image;
+use wcet::slowest::Slowest;
+use wcet::timing::Timing;
 use wcet::watch::Watch;
 
 use follower::{Findings, Follower, Found};
@@ -40,6 +43,20 @@ pub fn follow<'w>(
     let findings = follower.findings();
     mcu.set_trace(Some(follower.trace()));
     findings
+}
+
+/// Lets a core take from now on, for each instruction, the most cycles that its manual allows. `timing` is that of
+/// its part as flashed.
+pub fn slow_down(mcu: &mut Mcu, timing: Timing) {
+    let program = mcu.image();
+    let mut slowest = Slowest::new(timing, mcu.part().flash.base, program.flash());
+    mcu.set_slower(Some(Box::new(move |executed| match executed {
+        Some(Executed { at, next }) => slowest.later(at, next),
+        None => {
+            slowest.forget();
+            0
+        }
+    })));
 }
 
 /// Adds what a run under timing `model` showed of one handler. `runs` makes of the times at which it was

@@ -201,3 +201,18 @@ proptest! {
         planner.heard(&Frame::standard(id, &data).unwrap());
     }
 }
+
+/// The numbers of the example in README.md, which a planner in another language can be tried with.
+#[test]
+fn the_readme_has_a_true_example() {
+    let data = [0xD0, 0x07, 0xF4, 0x01, 0, 0, 5, 0];
+    let check = firmware::e2e::check_value(310, 12_300, &data);
+    let mut frame = data;
+    frame[7] = check;
+    let told: Vec<String> = frame.iter().map(|byte| format!("{byte:02X}")).collect();
+    let readme = include_str!("../README.md");
+    assert!(
+        readme.contains(&format!("`{}`", told.join(" "))),
+        "{told:?}"
+    );
+}

@@ -22,6 +22,7 @@ use crate::units::MICROSECOND;
 use crate::{bus, chains, event, pends};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
+use wcet::timing::Timing;
 use wcet::watch::Watch;
 
 /// What to analyse.
@@ -131,6 +132,14 @@ impl Programs {
         all.filter(move |((model, _), _)| model.name == node)
             .flat_map(|(_, execution)| &execution.lasting)
             .map(|(address, word)| (*address, *word))
+    }
+
+    /// The timing of a node's part as flashed; `None` if the node is not analysed.
+    #[must_use]
+    pub fn flashed(&self, node: &str) -> Option<Timing> {
+        let mut all = self.models.nodes.iter();
+        let (_, table) = all.find(|(model, _)| model.name == node)?;
+        Some(Timing::flashed(&table.board.part))
     }
 
     /// The transfers by DMA that the task table has for a node; `None` if the node is not analysed.

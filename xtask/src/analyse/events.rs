@@ -5,12 +5,13 @@ use super::{
     guidance::UNKNOWN,
     timing::Irregularity,
 };
-use crate::network::decode::{Decoder, Field, Known};
+use crate::network::{
+    SAME_CHANGE,
+    decode::{Decoder, Field, Known},
+};
 
 /// Most events that are kept; a bus in trouble may have millions.
 const MOST: usize = 100_000;
-/// Time within which a change of the mode and the message that tells it belong together, s.
-const SAME_CHANGE: f64 = 0.5;
 /// Signals that only number or time-stamp an event; they are left out of its description.
 const BESIDE: [&str; 2] = ["Counter", "SystemTime"];
 

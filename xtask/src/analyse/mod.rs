@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use can_bus::{Frame, wire::INTERMISSION_BITS};
 use embedded_can::Id;
-use vehicle_model::Vehicle;
+use vehicle_model::{Overrides, Vehicle};
 use world::report::OutputFolder;
 
 use crate::{
@@ -100,7 +100,39 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     if let Some(hint) = hint(workspace, options, summary) {
         eprintln!("{hint}");
     }
+    let ids = summary.unknown.iter().filter(|one| !one.extended);
+    let ids: Vec<u32> = ids.map(|one| one.id).collect();
+    if let Some(hint) = switched_off(workspace, &vehicle, &ids) {
+        eprintln!("{hint}");
+    }
     Ok(())
+}
+
+/// What can be off in a manifest and has messages of its own.
+const PARTS: [&str; 3] = [
+    "mission.enabled=true",
+    "planner.enabled=true",
+    "row_guidance.enabled=true",
+];
+
+/// What is said of unknown identifiers that are messages of something that is off in the vehicle.
+fn switched_off(workspace: &Workspace, vehicle: &Vehicle, unknown: &[u32]) -> Option<String> {
+    let knows = |part: &&str| {
+        let on = Overrides::parse(part).ok()?;
+        let set = vehicle.overrides().clone().and(on);
+        let on = vehicle::with(workspace, vehicle.name(), &set).ok()?;
+        let mut ids = unknown.iter().filter_map(|id| u16::try_from(*id).ok());
+        ids.find(|id| on.network().message(*id).is_some())
+    };
+    let found = PARTS.iter().filter(|part| knows(part).is_some());
+    let found: Vec<String> = found.map(|part| format!("--set {part}")).collect();
+    (!found.is_empty()).then(|| {
+        format!(
+            "note: some of the unknown identifiers are messages of what is off in {}: {} knows them",
+            vehicle.name(),
+            found.join(" or ")
+        )
+    })
 }
 
 /// Share of the frames from which on it is asked whether the vehicle is the right one.
@@ -133,6 +165,10 @@ fn hint(workspace: &Workspace, options: &Analyse, summary: &Summary) -> Option<S
     names.retain(|name| *name != summary.vehicle);
     let fits = names.into_iter().filter_map(|name| {
         let vehicle = vehicle::find(workspace, &name).ok()?;
+        // Its messages are those of the other vehicle.
+        if vehicle.variant_of().is_some() {
+            return None;
+        }
         let found = analyse(&vehicle, &options.logs, options.interface.as_deref()).ok()?;
         Some((misfits(&found).1, name))
     });
@@ -485,5 +521,28 @@ impl<'d> Analysis<'d> {
             guidance: self.guidance,
             steering: self.steering,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_of_what_is_off_are_named() {
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, "uagv").unwrap();
+        let hint = |ids: &[u32]| switched_off(&workspace, &vehicle, ids);
+        assert_eq!(hint(&[1, 0x1234_5678]), None);
+        let mission = hint(&[456]).unwrap();
+        assert!(
+            mission.contains("--set mission.enabled=true knows"),
+            "{mission}"
+        );
+        let planner = hint(&[1, 310]).unwrap();
+        assert!(
+            planner.contains("--set planner.enabled=true knows"),
+            "{planner}"
+        );
     }
 }

@@ -84,11 +84,23 @@ pub(super) fn edit(vehicle: &Vehicle, found: &Calibration) -> Result<Edited, Str
     };
     let (manifest, network) = (read(&path)?, read(&vehicle.network_file())?);
     let wrong = |what: &str| format!("{}: {what}", path.display());
-    let mut document: DocumentMut = manifest
-        .parse()
-        .map_err(|error: toml_edit::TomlError| wrong(&error.message().replace('\n', "; ")))?;
+    let document = |text: &str| -> Result<DocumentMut, String> {
+        let syntax = |error: toml_edit::TomlError| wrong(&error.message().replace('\n', "; "));
+        text.parse().map_err(syntax)
+    };
+    // What a variant does not say is as in the manifest of the other vehicle.
+    let mut other = match vehicle.variant_of() {
+        Some(_) => document(&read(&vehicle.crate_folder().join("vehicle.toml"))?)?,
+        None => DocumentMut::new(),
+    };
+    let mut document = document(&manifest)?;
     let mut changes = Vec::new();
     for (field, to) in values(found) {
+        if value(&mut document, field).is_none()
+            && let Some(same) = value(&mut other, field)
+        {
+            insert(&mut document, field, same.as_str().unwrap_or_default());
+        }
         let value =
             value(&mut document, field).ok_or_else(|| wrong(&format!("{field} is missing")))?;
         let from = value.as_str().unwrap_or_default().to_owned();
@@ -118,6 +130,20 @@ fn with_ends_of(old: &str, new: &str) -> String {
     } else {
         format!("{mark}{new}")
     }
+}
+
+/// Puts a value at a path of keys with dots between them, in tables that may be missing.
+fn insert(document: &mut DocumentMut, field: &str, to: &str) {
+    let (tables, key) = field.rsplit_once('.').unwrap_or(("", field));
+    let mut place: &mut Item = document.as_item_mut();
+    for table in tables.split('.') {
+        let missing = place.get(table).is_none();
+        place = &mut place[table];
+        if missing {
+            *place = toml_edit::table();
+        }
+    }
+    place[key] = toml_edit::value(to);
 }
 
 /// The value at a path of keys with dots between them.

@@ -173,6 +173,7 @@ pub fn plan(swaths: usize, length: f64, across: f64, headland: f64, speed: f64) 
             Local::new(north, east),
             Local::new(north, west),
         ],
+        obstacles: Vec::new(),
         legs: (0..swaths).map(leg).collect(),
         end: End::Stop,
     }
@@ -646,40 +647,40 @@ fn write(
 mod tests {
     use super::*;
 
-    fn uagv() -> Vehicle {
+    /// The run of four swaths of 30 m, without bus and images.
+    fn garden(name: &str, speed: f64) -> Run {
+        let workspace = Workspace::find().unwrap();
         let set = Overrides::parse(SET).unwrap();
-        vehicle::with(&Workspace::find().unwrap(), "uagv", &set).unwrap()
+        let vehicle = vehicle::with(&workspace, name, &set).unwrap();
+        let loaded = loaded(&vehicle, 4, 30.0, 11.8, speed).unwrap();
+        let (_, mut scenario) =
+            choice::with(&workspace, name, SCENARIO, vehicle.overrides()).unwrap();
+        loaded.begin(&mut scenario);
+        scenario.duration = Time::new(STUCK + loaded.time * SLOWER);
+        let of = Ready {
+            name: "garden".into(),
+            speed,
+            scenario,
+            loaded,
+            images: None,
+        };
+        let job = Job {
+            vehicle: &vehicle,
+            of: &of,
+            number: 0,
+            seed: 1,
+            picture: true,
+            settings: missions::settings(&vehicle).unwrap(),
+            numbers: &Numbers::of(&vehicle).unwrap(),
+        };
+        job.run().unwrap()
     }
 
-    /// Four swaths of 30 m, without bus and images, are within the limits at both speeds, and every limit can be missed.
+    /// Both vehicles are within the limits at each speed, and every limit can be missed.
     #[test]
     fn a_garden_is_driven_within_the_limits() {
-        let vehicle = uagv();
-        let workspace = Workspace::find().unwrap();
-        let numbers = Numbers::of(&vehicle).unwrap();
-        for speed in SPEEDS {
-            let loaded = loaded(&vehicle, 4, 30.0, 11.8, speed).unwrap();
-            let (_, mut scenario) =
-                choice::with(&workspace, "uagv", SCENARIO, vehicle.overrides()).unwrap();
-            loaded.begin(&mut scenario);
-            scenario.duration = Time::new(STUCK + loaded.time * SLOWER);
-            let of = Ready {
-                name: "garden".into(),
-                speed,
-                scenario,
-                loaded,
-                images: None,
-            };
-            let job = Job {
-                vehicle: &vehicle,
-                of: &of,
-                number: 0,
-                seed: 1,
-                picture: true,
-                settings: missions::settings(&vehicle).unwrap(),
-                numbers: &numbers,
-            };
-            let run = job.run().unwrap();
+        for (name, speed) in [("uagv", 1.0), ("uagv", 2.0), ("tractor", 3.0)] {
+            let run = garden(name, speed);
             let figures = run.figures;
             assert_eq!(LIMITS.missed(&figures), [""; 0], "{figures:?}");
             assert_eq!((figures.legs.len(), figures.turns.len()), (4, 3));

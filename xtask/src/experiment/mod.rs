@@ -32,10 +32,7 @@ use control::{
 use serde::{Serialize, de::DeserializeOwned};
 use twin::{Images, Options, TwinError};
 use vehicle_model::{Overrides, Vehicle, manifest::Law};
-use world::{
-    Scenario, ScenarioError, SimDuration,
-    report::{FolderError, Run},
-};
+use world::{Scenario, ScenarioError, report::FolderError};
 
 use crate::{
     Failure, Workspace,
@@ -509,24 +506,8 @@ impl Job<'_> {
         }
         let log = Log::new(&outcome.records, matrix.bit_time());
         let modes = matrix.modes(&log.frames);
-        let run = Run {
-            scenario,
-            nodes: &vehicle::node_names(vehicle),
-            seed: self.seed,
-            duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
-            states: outcome.world.states(),
-            efforts: outcome.world.efforts(),
-            frames: &log.frames,
-            windows: &matrix.windows,
-            cycle_count_byte: matrix.cycle_count_byte(),
-            basic_cycle: matrix.basic_cycle(),
-            bit_time: matrix.bit_time(),
-            modes: &modes,
-            tasks: &[],
-            rover: None,
-            crop: None,
-            mission: None,
-        };
+        let nodes = vehicle::node_names(vehicle);
+        let run = matrix.run(scenario, &nodes, self.seed, &outcome, (&log, &modes));
         Figures::of(&run, rate.of_frames(&log.frames))
             .ok_or_else(|| self.failed(RunError::NeverDrove))
     }

@@ -3,10 +3,15 @@
 use control::{
     controller::Settings,
     dubins::Pose,
-    fence::Point,
-    mission::{End, Join, Leg, Legs, MissionSettings, Summary, check},
+    fence::{Point, Room as _},
+    mission::{
+        End, Fault, Join, Leg, Legs, MissionSettings, Planner, Purpose, Step, Summary, Violation,
+        Yard, check,
+    },
     position::Position,
+    turn::TurnError,
 };
+use firmware::mission::Head;
 use mission::{
     curve::{self, Chain},
     drive,
@@ -15,7 +20,7 @@ use mission::{
 use vehicle_model::{Vehicle, description, manifest};
 
 /// Words of the flash that a mission may have.
-const ROOM: usize = 32 * 1024;
+pub(super) const ROOM: usize = 32 * 1024;
 
 /// The legs of a plan in the terms of the vehicle's firmware.
 #[derive(Clone, Debug)]
@@ -26,7 +31,30 @@ pub(crate) struct Drivable {
     of: Vec<usize>,
     legs: Vec<Leg<f32>>,
     fence: Vec<Point<f32>>,
+    /// Corners of the obstacles; each ends with its first corner again.
+    obstacles: Vec<Point<f32>>,
     end: End,
+    /// Where a leg continues the one before with a kink: its number, the kink in rad, and the place.
+    kinks: Vec<(usize, f64, mission::place::Local)>,
+}
+
+/// Kinks of this and more are told, rad.
+const KINK: f64 = 0.05;
+
+/// The kinks between legs that continue each other.
+fn kinks(plan: &Plan) -> Vec<(usize, f64, mission::place::Local)> {
+    let pairs = plan.legs.windows(2).enumerate();
+    let kinks = pairs.filter_map(|(index, pair)| {
+        let (before, after) = (pair[0].shape.points(), pair[1].shape.points());
+        let ([.., a, b], [c, d, ..]) = (&before[..], &after[..]) else {
+            return None;
+        };
+        let kink = control::scalar::wrap_angle(c.bearing(*d) - a.bearing(*b));
+        let same = pair[0].reverse == pair[1].reverse;
+        let told = pair[1].join == plan::Join::Continue && same && kink.abs() >= KINK;
+        told.then_some((index + 1, kink, *c))
+    });
+    kinks.collect()
 }
 
 /// What a mission may ask of a vehicle.
@@ -40,20 +68,28 @@ pub(crate) fn settings(vehicle: &Vehicle) -> Result<MissionSettings<f32>, String
             vehicle.name()
         )
     };
-    let own = vehicle.manifest().mission.as_ref().ok_or_else(without)?;
+    let manifest = vehicle.manifest();
+    let own = manifest.mission.as_ref().ok_or_else(without)?;
+    let machine = manifest.machine.as_ref().ok_or_else(without)?;
     let description = description(vehicle).ok_or_else(without)?;
     let controller = Settings::<f32>::for_vehicle(&description).map_err(|why| why.to_string())?;
-    Ok(design_of(own).settings(&controller))
+    Ok(design_of(own, machine).settings(&controller))
 }
 
 /// What the vehicle brings to its missions.
-fn design_of(mission: &manifest::Mission) -> firmware::mission::Design {
+fn design_of(
+    mission: &manifest::Mission,
+    machine: &manifest::Machine,
+) -> firmware::mission::Design {
     firmware::mission::Design {
         turn_speed: mission.turn_speed.get() as f32,
         reserve: mission.reserve.get() as f32,
         half_width: mission.width.get() as f32 * 0.5,
         ahead: mission.ahead.get() as f32,
         behind: mission.behind.get() as f32,
+        clearance: mission.clearance.get() as f32,
+        aside: mission.aside.get() as f32,
+        acceleration: machine.limits.acceleration.get() as f32,
     }
 }
 
@@ -62,6 +98,16 @@ fn point(at: mission::place::Local) -> Point<f32> {
         north: at.north as f32,
         east: at.east as f32,
     }
+}
+
+/// A pose in a sentence.
+fn place(at: Pose<f32>) -> mission::place::Local {
+    mission::place::Local::new(at.north.into(), at.east.into())
+}
+
+/// Corners of an obstacle, with the first one again at the end.
+fn closed(obstacle: &[mission::place::Local]) -> impl Iterator<Item = Point<f32>> {
+    obstacle.iter().chain(obstacle.first()).copied().map(point)
 }
 
 impl Drivable {
@@ -95,10 +141,16 @@ impl Drivable {
             of: pieces.iter().map(|piece| piece.leg).collect(),
             legs: pieces.iter().map(leg).collect(),
             fence: plan.fence.iter().copied().map(point).collect(),
+            obstacles: plan
+                .obstacles
+                .iter()
+                .flat_map(|obstacle| closed(obstacle))
+                .collect(),
             end: match plan.end {
                 plan::End::Stop => End::Stop,
                 plan::End::Repeat => End::Repeat,
             },
+            kinks: kinks(plan),
             chains,
         })
     }
@@ -114,6 +166,7 @@ impl Drivable {
             origin: Position::new(0, 0),
             legs: &self.legs,
             fence: &self.fence,
+            obstacles: &self.obstacles,
             end: self.end,
         }
     }
@@ -143,13 +196,107 @@ impl Drivable {
     /// # Errors
     /// A clause that names the first leg at fault, and why.
     pub(crate) fn check(&self, settings: &MissionSettings<f32>) -> Result<Summary<f32>, String> {
-        use control::mission::Violation;
-        check(&self.mission(), settings).map_err(|violation| match violation {
-            Violation::Leg { number, fault } => {
-                format!("leg {}: {fault}", self.leg_of(number) + 1)
-            }
+        let words = self.words();
+        // The vehicle reads the record, whose speeds are rounded.
+        let judged = match Head::parse(&words) {
+            Some(head) => check(&head.of(&words), settings),
+            None => check(&self.mission(), settings),
+        };
+        judged.map_err(|violation| match violation {
+            Violation::Leg { number, fault } => self.cause(number, fault, settings),
             other => other.to_string(),
         })
+    }
+
+    /// Largest curvature of legs and turns, 1/m, in size.
+    pub(crate) fn largest_curvature(&self, settings: &MissionSettings<f32>) -> f32 {
+        let mission = self.mission();
+        let mut planner = Planner::new(*settings);
+        let mut most = 0.0_f32;
+        let mut legs = 0;
+        // One that repeats has no end: the first leg comes again.
+        while legs <= self.legs.len() {
+            match planner.step(&mission) {
+                Step::Working => {}
+                Step::Done | Step::NoTurn { .. } => break,
+                Step::Piece(piece) => {
+                    let segment = &piece.segment;
+                    for along in [0.0, segment.length] {
+                        most = most.max(segment.curvature_at(along).abs());
+                    }
+                    legs += usize::from(piece.purpose == Purpose::Leg);
+                }
+            }
+        }
+        most
+    }
+
+    /// What is wrong with a leg of the firmware, where, and what helps.
+    fn cause(&self, number: usize, fault: Fault, settings: &MissionSettings<f32>) -> String {
+        let index = self.of.get(number).map_or(number, |leg| *leg);
+        let leg = index + 1;
+        let Some(driven) = self.legs.get(number) else {
+            return format!("leg {leg}: {fault}");
+        };
+        let bent = matches!(
+            fault,
+            Fault::Curvature | Fault::Sharpness | Fault::JoinHeading | Fault::JoinCurvature
+        );
+        let kink = self.kinks.iter();
+        let mut kink = kink.filter(|(after, ..)| bent && (index..=index + 1).contains(after));
+        if let Some((after, kink, at)) = kink.next() {
+            return format!(
+                "leg {}: it continues leg {after} with a kink of {:.0} deg at {at}, which the steering cannot follow; \
+                 join = \"turn\" lets the vehicle turn there",
+                after + 1,
+                kink.to_degrees().abs()
+            );
+        }
+        let wider = "a wider headland (--headland), or a leg that ends earlier, leaves more room";
+        match fault {
+            Fault::Speed => format!(
+                "leg {leg}: its speed is {} m/s, and above 0 to {} m/s is accepted",
+                driven.speed, settings.top_speed
+            ),
+            Fault::Outside | Fault::Obstacle => {
+                let at = self.first_refused(driven, settings);
+                let at = at.map_or_else(String::new, |(along, at)| {
+                    format!(", {along:.1} m along its line or curve, at {}", place(at))
+                });
+                format!("leg {leg}: {fault}{at}; {wider}")
+            }
+            Fault::Turn(TurnError::NoRoom) => {
+                let next = self.legs.get(number + 1).or(self.legs.first());
+                let to = next.map_or_else(String::new, |next| format!(" to {}", place(next.start)));
+                format!(
+                    "leg {leg}: there is no turn to the next leg, from {}{to}, that keeps the vehicle inside the fence and \
+                     off the obstacles; {wider}",
+                    place(driven.end())
+                )
+            }
+            fault => format!("leg {leg}: {fault}"),
+        }
+    }
+
+    /// The first place of a leg at which the vehicle may not be, and how far along the leg it is, m.
+    fn first_refused(
+        &self,
+        leg: &Leg<f32>,
+        settings: &MissionSettings<f32>,
+    ) -> Option<(f32, Pose<f32>)> {
+        let mission = self.mission();
+        let yard = Yard::of(&mission, settings);
+        let steps = (leg.length / settings.turn.spacing).ceil() as usize;
+        let along = (0..=steps).map(|step| (step as f32 * settings.turn.spacing).min(leg.length));
+        let mut poses = along.map(|along| (along, leg.part().pose(leg.start, along)));
+        poses.find(|(_, at)| !yard.allows(at))
+    }
+
+    /// The words of its record; none if it is too long for one.
+    fn words(&self) -> Vec<u32> {
+        let mission = self.mission();
+        let words = firmware::mission::words(&mission);
+        words.into_iter().flatten().collect()
     }
 
     /// The record for the flash.
@@ -157,16 +304,17 @@ impl Drivable {
     /// # Errors
     /// It is too long.
     pub(crate) fn record(&self) -> Result<Vec<u8>, String> {
-        let mission = self.mission();
-        let words = firmware::mission::words(&mission);
-        let words: Vec<u32> = words.into_iter().flatten().collect();
+        let words = self.words();
         if words.is_empty() || words.len() > ROOM {
             return Err(format!(
-                "it has {} lines, arcs and clothoids and {} corners of a fence: a record has room for {} and {}",
+                "it has {} lines, arcs and clothoids, {} corners of a fence and {} of obstacles: a record has room for \
+                 {}, {} and {}",
                 self.legs.len(),
                 self.fence.len(),
+                self.obstacles.len(),
                 control::mission::LEGS,
-                control::fence::CORNERS
+                control::fence::CORNERS,
+                control::fence::OBSTACLE_CORNERS
             ));
         }
         Ok(words.into_iter().flat_map(u32::to_le_bytes).collect())

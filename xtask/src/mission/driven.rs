@@ -12,12 +12,14 @@ use serde_json::{Value, json};
 use vehicle_model::Vehicle;
 use world::{
     StateSample,
-    report::{self, FrameRecord, Located, MissionRun, ModeChange, SectionSwitch, Stage, rounded},
+    report::{
+        self, FrameRecord, Located, MissionRun, ModeChange, RunEnd, SectionSwitch, Stage, rounded,
+    },
     time::seconds,
 };
 
 use super::Drivable;
-use crate::network::{decode::Decoder, matrix::Matrix};
+use crate::network::{SAME_CHANGE, decode::Decoder, matrix::Matrix};
 
 /// A vehicle so near to the end of its path is there, m.
 const AT_END: f64 = 0.1;
@@ -33,6 +35,9 @@ const STEPS: usize = 100_000;
 
 /// The time of a section that does not change within a cycle, as the images tell it, ms.
 const NEVER: f64 = firmware::mission::NEVER as f64;
+
+/// The reason with which a run ends at the end of its path.
+const PATH_END: &str = "PathEnd";
 
 /// The whole path of a mission, as the vehicle plans it.
 #[derive(Clone, Debug)]
@@ -55,6 +60,7 @@ pub(crate) struct Driven {
     course: Arc<Course>,
     located: Vec<Located>,
     switches: Vec<SectionSwitch>,
+    ended: Vec<RunEnd>,
 }
 
 fn wide(segment: &Segment<f32>) -> Segment<f64> {
@@ -185,10 +191,13 @@ impl Course {
         modes: &[ModeChange],
         frames: &[FrameRecord],
     ) -> Driven {
-        self.driven_with(states, modes, switches(vehicle, frames))
+        Driven {
+            ended: ended(vehicle, modes, frames),
+            ..self.driven_with(states, modes, switches(vehicle, frames))
+        }
     }
 
-    /// The same with what the sections did.
+    /// The same with what the sections did, of runs whose ends nobody tells.
     pub(crate) fn driven_with(
         self: &Arc<Self>,
         states: &[StateSample],
@@ -199,6 +208,7 @@ impl Course {
             course: Arc::clone(self),
             located: self.locate(states, modes),
             switches,
+            ended: Vec::new(),
         }
     }
 
@@ -292,6 +302,7 @@ impl Driven {
             ends: self.course.ends,
             located: &self.located,
             switches: &self.switches,
+            ended: &self.ended,
             width: self.course.plan.width,
             rear: self.course.rear,
         }
@@ -479,6 +490,38 @@ fn switches(vehicle: &Vehicle, frames: &[FrameRecord]) -> Vec<SectionSwitch> {
         is_reference(frame).then(|| (seconds(frame.start), last.take()))
     });
     played(cycles)
+}
+
+/// How the autonomous runs ended, with the reasons that the vehicle's events of the modes tell.
+fn ended(vehicle: &Vehicle, modes: &[ModeChange], frames: &[FrameRecord]) -> Vec<RunEnd> {
+    let matrix = Matrix::new(vehicle);
+    let events: Vec<(f64, String, String)> = frames
+        .iter()
+        .filter(|frame| frame.is_message())
+        .filter_map(|frame| {
+            matrix.named(frame, "Previous")?;
+            let told = |signal| matrix.named(frame, signal);
+            Some((seconds(frame.end), told("Mode")?, told("Reason")?))
+        })
+        .collect();
+    let pairs = modes.iter().zip(modes.iter().skip(1));
+    let ends = pairs.filter(|(before, after)| before.autonomous && !after.autonomous);
+    let end = ends.map(|(_, after)| {
+        let at = seconds(after.at);
+        let apart = |told: &f64| (told - at).abs();
+        let reason = events
+            .iter()
+            .filter(|(told, mode, _)| *mode == after.mode && apart(told) <= SAME_CHANGE)
+            .min_by(|one, other| apart(&one.0).total_cmp(&apart(&other.0)))
+            .map(|(.., reason)| reason.clone());
+        RunEnd {
+            at_seconds: rounded(at, 3),
+            mode: after.mode.clone(),
+            arrived: reason.as_ref().is_none_or(|reason| reason == PATH_END),
+            reason,
+        }
+    });
+    end.collect()
 }
 
 #[cfg(test)]

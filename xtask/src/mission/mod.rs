@@ -1,28 +1,31 @@
 //! `mission`: makes missions from the files of farm tools, checks whether a vehicle can drive them, and draws them.
 
 mod bus;
+mod drawing;
 mod drivable;
 mod driven;
 mod request;
 
 use std::{fs, path::Path, sync::Arc};
 
-use control::{dubins::Pose, mission::MissionSettings};
+use control::{
+    dubins::Pose,
+    mission::{MissionSettings, Summary},
+};
 use firmware::mission::upload::Request;
 
 use mission::{
-    curve::Chain,
-    field::{self, Direction, Ends, Field, Headland, Order, Work},
+    curve::{Chain, Tightest},
+    field::Field,
     picture,
-    place::{Frame, Geodetic, Origin},
-    plan::{End, Join, Leg, Outputs, Plan, Shape},
-    read,
+    place::{Frame, Geodetic, Local, Origin},
+    plan::Plan,
 };
 use serde_json::json;
 use twin::{Images, Outcome};
 use vehicle_model::{Device, Vehicle};
 use world::{
-    Scenario, SimDuration,
+    Scenario,
     report::{MissionFigures, Run},
     units::{Angle, Length},
 };
@@ -84,9 +87,11 @@ pub struct Loaded {
     /// Its path.
     pub(crate) course: Arc<Course>,
     pub(crate) drivable: Arc<Drivable>,
+    /// The origin of its frame: the base station.
+    pub origin: Origin,
 }
 
-/// How far before the first leg a run begins, m: the vehicle finds its heading on the way.
+/// How far before the first leg a run begins, m: the vehicle finds its heading and its speed on the way.
 const RUN_UP: f64 = 3.0;
 
 /// Reads a mission file for a vehicle.
@@ -114,6 +119,7 @@ pub(crate) fn prepare(
         record: drivable.record()?,
         begin: drivable.begin(RUN_UP).unwrap_or_default(),
         time: summary.time.into(),
+        origin: plan.origin,
         course: Arc::new(Course::of(plan, &drivable, settings, vehicle)?),
         drivable: Arc::new(drivable),
     })
@@ -154,23 +160,10 @@ impl Loaded {
         let states = outcome.world.states();
         let driven = self.course.driven(vehicle, states, &modes, &log.frames);
         let mission = driven.run();
+        let nodes = vehicle::node_names(vehicle);
         let run = Run {
-            scenario,
-            nodes: &vehicle::node_names(vehicle),
-            seed,
-            duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
-            states,
-            efforts: outcome.world.efforts(),
-            frames: &log.frames,
-            windows: &matrix.windows,
-            cycle_count_byte: matrix.cycle_count_byte(),
-            basic_cycle: matrix.basic_cycle(),
-            bit_time: matrix.bit_time(),
-            modes: &modes,
-            tasks: &[],
-            rover: None,
-            crop: None,
             mission: Some(mission),
+            ..matrix.run(scenario, &nodes, seed, outcome, (&log, &modes))
         };
         let figures = MissionFigures::of(&run, &mission);
         let picture = driven.svg(states, &figures.line());
@@ -178,8 +171,53 @@ impl Loaded {
     }
 }
 
+/// How far the base station of a run may be from the origin of its mission, m.
+const BASE: f64 = 1.0;
+
+/// Lets the base station of a run stand at the origin of its mission. A scenario that says itself where it stands must
+/// say the same place.
+///
+/// # Errors
+/// The scenario has another place.
+pub fn settle(scenario: &mut Scenario, origin: Origin) -> Result<(), Failure> {
+    // Without a receiver, nothing measures.
+    let Some(receiver) = &mut scenario.receiver else {
+        return Ok(());
+    };
+    let base = &mut receiver.base;
+    let place = Geodetic {
+        latitude: base.latitude.get().to_degrees(),
+        longitude: base.longitude.get().to_degrees(),
+    };
+    let at = Frame::new(origin).local(place);
+    let far = at.distance(Local::default());
+    if far <= BASE {
+        return Ok(());
+    }
+    let Geodetic {
+        latitude,
+        longitude,
+    } = origin.place;
+    if *base != world::receiver::Base::default() {
+        return Err(Failure::Usage(format!(
+            "the mission's origin is {latitude:.7} deg, {longitude:.7} deg, and the scenario's base station \
+             (receiver.base) {far:.0} m away at {:.7} deg, {:.7} deg: a vehicle measures from its base station, so both \
+             must be the same place",
+            place.latitude, place.longitude
+        )));
+    }
+    eprintln!(
+        "note: the base station of this run stands at the mission's origin, {latitude:.7} deg, {longitude:.7} deg; on a \
+         field it must stand there, too"
+    );
+    base.latitude = Angle::degrees(latitude);
+    base.longitude = Angle::degrees(longitude);
+    base.height = Length::new(origin.height);
+    Ok(())
+}
+
 fn check(workspace: &Workspace, options: &CheckMission) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let usage = |why: String| Failure::Usage(format!("{}: {why}", options.file.display()));
     let settings = settings(&vehicle).map_err(Failure::Usage)?;
     let plan = read_plan(&options.file)?;
@@ -196,38 +234,136 @@ fn check(workspace: &Workspace, options: &CheckMission) -> Result<(), Failure> {
     }
     let summary = drivable.check(&settings).map_err(usage)?;
     let record = drivable.record().map_err(usage)?;
-    let tightest = drivable.chains.iter().map(|chain| chain.tightest.curvature);
-    let tightest = tightest.fold(0.0, |most: f64, one| most.max(one.abs()));
+    let figures = Figures {
+        plan: &plan,
+        drivable: &drivable,
+        summary: &summary,
+        settings: &settings,
+        record: record.len(),
+    };
     if options.json {
-        let told = json!({
-            "name": plan.name,
-            "legs": plan.legs.len(),
-            "pieces": drivable.pieces(),
-            "turns": summary.turns,
-            "length_m": f64::from(summary.length),
-            "time_s": f64::from(summary.time),
-            "largest_curvature_per_m": tightest,
-            "curvature_limit_per_m": f64::from(settings.curvature),
-            "record_bytes": record.len(),
-        });
-        println!("{told:#}");
+        println!("{:#}", figures.json());
     } else {
         println!("{}: {} can drive it", plan.name, vehicle.name());
-        println!(
-            "  legs                {} ({} lines, arcs and clothoids)",
-            plan.legs.len(),
-            drivable.pieces()
-        );
-        println!("  headland turns      {}", summary.turns);
-        println!("  way                 {:.1} m", summary.length);
-        println!("  time at full speed  {:.0} s", summary.time);
-        println!(
-            "  largest curvature   {tightest:.3} 1/m (the vehicle: {:.3} 1/m)",
-            settings.curvature
-        );
-        println!("  record              {} bytes", record.len());
+        figures.print();
     }
     Ok(())
+}
+
+/// The figures of a mission that a vehicle can drive.
+struct Figures<'a> {
+    plan: &'a Plan,
+    drivable: &'a Drivable,
+    summary: &'a Summary<f32>,
+    settings: &'a MissionSettings<f32>,
+    /// Bytes of its record.
+    record: usize,
+}
+
+impl Figures<'_> {
+    /// The leg with the largest curvature, counted from 1, if one is bent.
+    fn tightest(&self) -> Option<(usize, &Tightest)> {
+        let legs = (1..).zip(self.drivable.chains.iter().map(|chain| &chain.tightest));
+        let bent = legs.filter(|(_, tightest)| tightest.curvature != 0.0);
+        bent.max_by(|(_, one), (_, other)| one.curvature.abs().total_cmp(&other.curvature.abs()))
+    }
+
+    /// How far the curve of a leg swings out from the straight lines between its points, m, at most.
+    fn swing(&self) -> f64 {
+        let chains = self.drivable.chains.iter();
+        chains.map(|chain| chain.bulge).fold(0.0, f64::max)
+    }
+
+    fn json(&self) -> serde_json::Value {
+        let Geodetic {
+            latitude,
+            longitude,
+        } = self.plan.origin.place;
+        let tightest = self.tightest().map(|(leg, tightest)| {
+            json!({
+                "leg": leg,
+                "curvature_per_m": tightest.curvature,
+                "along_m": tightest.along,
+                "north_m": tightest.place.north,
+                "east_m": tightest.place.east,
+            })
+        });
+        json!({
+            "name": self.plan.name,
+            "origin": { "latitude_deg": latitude, "longitude_deg": longitude, "height_m": self.plan.origin.height },
+            "legs": self.plan.legs.len(),
+            "pieces": self.drivable.pieces(),
+            "turns": self.summary.turns,
+            "fence_corners": self.plan.fence.len(),
+            "obstacles": self.plan.obstacles.len(),
+            "length_m": f64::from(self.summary.length),
+            "time_s": f64::from(self.summary.time),
+            "largest_curvature_per_m": f64::from(self.drivable.largest_curvature(self.settings)),
+            "curvature_limit_per_m": f64::from(self.settings.curvature),
+            "tightest_leg": tightest,
+            "swing_out_m": self.swing(),
+            "record_bytes": self.record,
+            "record_room_bytes": drivable::ROOM * 4,
+        })
+    }
+
+    fn print(&self) {
+        let Origin { place, height } = self.plan.origin;
+        println!(
+            "  origin              {:.7} deg, {:.7} deg, {height:.1} m: the antenna of the base station",
+            place.latitude, place.longitude
+        );
+        println!(
+            "  legs                {} ({})",
+            self.plan.legs.len(),
+            count(
+                self.drivable.pieces(),
+                "line, arc or clothoid",
+                "lines, arcs and clothoids"
+            )
+        );
+        println!("  headland turns      {}", self.summary.turns);
+        println!(
+            "  fence               {}",
+            match self.plan.fence.len() {
+                0 => "none".to_owned(),
+                corners => format!("{corners} corners"),
+            }
+        );
+        println!("  obstacles           {}", self.plan.obstacles.len());
+        println!("  way                 {:.1} m", self.summary.length);
+        println!(
+            "  time                {:.0} s, stops and accelerations come on top",
+            self.summary.time
+        );
+        println!(
+            "  largest curvature   {:.3} 1/m with the turns (the vehicle: {:.3} 1/m)",
+            self.drivable.largest_curvature(self.settings),
+            self.settings.curvature
+        );
+        if let Some((leg, tightest)) = self.tightest() {
+            println!(
+                "  tightest leg        leg {leg}: {:.3} 1/m, {:.1} m along it, at {}",
+                tightest.curvature.abs(),
+                tightest.along,
+                tightest.place
+            );
+            println!(
+                "  swing-out           {:.2} m at most from the straight lines between the points of a curve",
+                self.swing()
+            );
+        }
+        println!(
+            "  record              {} of {} bytes in the flash of the controller's board",
+            self.record,
+            drivable::ROOM * 4
+        );
+    }
+}
+
+/// A number and what it counts.
+fn count(number: usize, one: &str, several: &str) -> String {
+    format!("{number} {}", if number == 1 { one } else { several })
 }
 
 /// Writes the picture of a plan.
@@ -246,23 +382,6 @@ fn draw(
         ..picture::Options::default()
     };
     Ok(file::put(path, &picture::svg(plan, &options))?)
-}
-
-/// The origin of the local frame: what the command line says, or what the drawing measures from, or where its first
-/// shape begins.
-fn origin(options: &NewMission, drawing: &read::Drawing) -> Option<Origin> {
-    let first = || {
-        let shape = &drawing.shapes.first()?.shape;
-        match shape {
-            read::Shape::Line { from, .. } => Some(*from),
-            read::Shape::Curve(points) => points.first().copied(),
-            read::Shape::Polygon { outer, .. } => outer.first().copied(),
-        }
-    };
-    options.origin.or_else(|| {
-        let place = drawing.origin.or_else(first)?;
-        Some(Origin { place, height: 0.0 })
-    })
 }
 
 /// Reads an origin: latitude and longitude, degrees, and perhaps a height, m.
@@ -301,7 +420,7 @@ fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
             let plan = Plan::of_manifest(&name, origin, vehicle.manifest());
             (plan.ok_or_else(|| usage_of(&vehicle))?, None)
         }
-        Some(path) => from_drawing(path, options, &vehicle, settings.curvature.into())?,
+        Some(path) => drawing::plan(path, options, &vehicle, &settings)?,
     };
     let usage = |why: String| Failure::Usage(format!("the mission would be wrong: {why}"));
     let drivable = Drivable::of(&plan).map_err(usage)?;
@@ -312,34 +431,45 @@ fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
     let summary = drivable.check(&settings).map_err(usage)?;
     file::put(&options.out, &plan.write())?;
     println!(
-        "{}: {} legs, {} headland turns, {:.0} m of way, {:.0} s at full speed",
+        "{}: {}, {}, {:.0} m of way, {:.0} s without stops and accelerations",
         options.out.display(),
-        plan.legs.len(),
-        summary.turns,
+        count(plan.legs.len(), "leg", "legs"),
+        count(summary.turns, "headland turn", "headland turns"),
         summary.length,
         summary.time
     );
     if let Some(field) = &field {
-        println!(
-            "{:.0} m2 of field, {:.0} m2 inside the headland, of which the swaths cover {:.1} %; swaths at {:.0} deg",
-            field.coverage.field,
-            field.coverage.inner,
-            field.coverage.share() * 100.0,
-            field.bearing.to_degrees()
-        );
-        warn_of_obstacles(field.area.holes.len());
+        tell(field, options);
     }
     Ok(())
 }
 
-/// The fence is the edge of the field, so neither the check nor the planning of turns knows what lies inside of it.
-fn warn_of_obstacles(count: usize) {
-    if count > 0 {
-        eprintln!(
-            "warning: {count} obstacles lie in the field; swaths end before them, but turns may lead through them: look \
-             at --picture, and do not drive this mission where one does"
-        );
-    }
+/// The figures of a field.
+fn tell(field: &Field, options: &NewMission) {
+    let coverage = &field.coverage;
+    println!(
+        "{:.0} m2 of field: the swaths work {:.1} % of it, and {:.1} % of the {:.0} m2 inside the headland; swaths at \
+         {:.0} deg",
+        coverage.field,
+        coverage.share_of_field() * 100.0,
+        coverage.share() * 100.0,
+        coverage.inner,
+        field.bearing.to_degrees()
+    );
+    println!(
+        "worked twice: {:.0} m2; outside the inner area: {:.0} m2; pieces shorter than {} m left out: {}; turns tighter \
+         than a half circle: {}",
+        coverage.twice,
+        coverage.outside,
+        field.options.shortest,
+        field.too_short,
+        field.tight_turns
+    );
+    let rounds = match options.rounds {
+        None => "the headland is not worked; --rounds works it, too".to_owned(),
+        Some(_) => format!("rounds in the headland: {}", field.rounds().len()),
+    };
+    println!("{rounds}");
 }
 
 fn usage_of(vehicle: &Vehicle) -> Failure {
@@ -349,109 +479,182 @@ fn usage_of(vehicle: &Vehicle) -> Failure {
     ))
 }
 
-/// The plan from a drawing: swaths in its first field, or with `--lines` its lines.
-fn from_drawing(
-    path: &Path,
-    options: &NewMission,
-    vehicle: &Vehicle,
-    curvature: f64,
-) -> Result<(Plan, Option<Field>), Failure> {
-    let usage = |why: String| Failure::Usage(format!("{}: {why}", path.display()));
-    let given = options.origin.map(Frame::new);
-    let drawing =
-        read::path(path, given.as_ref()).map_err(|error| Failure::Usage(error.to_string()))?;
-    for skipped in &drawing.skipped {
-        eprintln!("skipped: {skipped}");
-    }
-    let origin = origin(options, &drawing).ok_or_else(|| usage("it has no shape".into()))?;
-    let frame = Frame::new(origin);
-    let cruise = vehicle.manifest().machine.as_ref();
-    let cruise = cruise.map_or(1.0, |machine| machine.cruise.get());
-    let speed = options.speed.unwrap_or(cruise);
-    let outputs = Outputs::of(&options.section)
-        .ok_or_else(|| Failure::Usage("--section: 1 to 8 are accepted".into()))?;
-    if options.lines {
-        let name = options.name.clone().unwrap_or_else(|| "lines".into());
-        let plan = of_lines(&drawing, &frame, (speed, outputs), name, origin);
-        if plan.legs.is_empty() {
-            return Err(usage("it has no line".into()));
-        }
-        return Ok((plan, None));
-    }
-    let mut areas = field::areas(&drawing, &frame);
-    if areas.is_empty() {
-        return Err(usage(
-            "it has no boundary of a field: --lines takes its lines".into(),
-        ));
-    }
-    let (first, area) = areas.swap_remove(0);
-    if !areas.is_empty() {
-        eprintln!(
-            "note: of {} fields the first one is taken, {first:?}",
-            areas.len() + 1
-        );
-    }
-    let divided = field::Options {
-        headland: options.headland.unwrap_or(2.0 * options.width),
-        direction: match options.direction {
-            None => Direction::Auto,
-            Some(degrees) => Direction::Bearing(degrees.to_radians()),
-        },
-        ends: Ends::Whole,
-        order: if options.skip {
-            Order::Skip
-        } else {
-            Order::Neighbouring
-        },
-        radius: 1.0 / curvature,
-        ..field::Options::new(options.width)
-    };
-    let field = field::divide(&area, &divided).map_err(|why| usage(why.to_string()))?;
-    let work = Work {
-        speed,
-        outputs,
-        headland: Headland::Left,
-        end: End::Stop,
-    };
-    let name = options.name.clone().unwrap_or(first);
-    Ok((field.plan(&name, origin, &work), Some(field)))
-}
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
 
-/// A leg for each line of a drawing, with turns between them.
-fn of_lines(
-    drawing: &read::Drawing,
-    frame: &Frame,
-    (speed, outputs): (f64, Outputs),
-    name: String,
-    origin: Origin,
-) -> Plan {
-    let shapes = drawing
-        .shapes
-        .iter()
-        .filter_map(|named| match &named.shape {
-            read::Shape::Line { from, to } => Some(Shape::Line {
-                from: frame.local(*from),
-                to: frame.local(*to),
-            }),
-            read::Shape::Curve(points) => Some(Shape::Curve {
-                points: points.iter().map(|point| frame.local(*point)).collect(),
-            }),
-            read::Shape::Polygon { .. } => None,
+    use control::fence::CORNERS;
+    use mission::plan::{Leg, Shape};
+
+    use super::*;
+    use crate::cli;
+
+    /// What a command line says, and the file that it writes.
+    fn made(folder: &Path, words: &str) -> Result<Plan, String> {
+        let out = folder.join("made.toml");
+        let words = ["xtask", "mission", "new", "--force", "--out"]
+            .into_iter()
+            .map(OsString::from)
+            .chain([out.clone().into_os_string()])
+            .chain(words.split(' ').map(OsString::from));
+        let Ok(cli::Request::Run(cli::Command::Mission(command))) = cli::parse(words) else {
+            panic!("the command line is not read");
+        };
+        run(&Workspace::find().unwrap(), &command).map_err(|why| why.to_string())?;
+        read_plan(&out).map_err(|why| why.to_string())
+    }
+
+    /// A boundary of a square with a hole in its middle, or of a ring of as many corners.
+    fn drawn(folder: &Path, outer: &[Local], hole: &[Local]) -> String {
+        let frame = Frame::new(Origin {
+            place: Geodetic {
+                latitude: 40.83,
+                longitude: -96.66,
+            },
+            height: 0.0,
         });
-    Plan {
-        name,
-        origin,
-        width: None,
-        fence: Vec::new(),
-        legs: shapes
-            .map(|shape| Leg {
-                shape,
-                speed,
-                reverse: false,
-                outputs,
-                join: Join::Turn,
+        let ring = |corners: &[Local]| {
+            let closed = corners.iter().chain(corners.first());
+            let places = closed.map(|at| frame.geodetic(*at));
+            places
+                .map(|at| json!([at.longitude, at.latitude]))
+                .collect::<Vec<_>>()
+        };
+        let rings: Vec<_> = [outer, hole]
+            .into_iter()
+            .filter(|ring| !ring.is_empty())
+            .map(ring)
+            .collect();
+        let polygon = json!({ "type": "Polygon", "coordinates": rings });
+        let path = folder.join("drawn.geojson");
+        fs::write(&path, polygon.to_string()).unwrap();
+        path.display().to_string()
+    }
+
+    fn square(middle: f64, half: f64) -> Vec<Local> {
+        let corner = |north, east| Local::new(middle + north * half, middle + east * half);
+        vec![
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ]
+    }
+
+    /// A pole of a centimetre, or what a drawing program left behind: nobody knows.
+    #[test]
+    fn a_hole_of_a_centimetre_is_an_obstacle_of_a_decimetre() {
+        let folder = tempfile::tempdir().unwrap();
+        for half in [0.004, 0.000_5] {
+            let file = drawn(folder.path(), &square(0.0, 40.0), &square(0.0, half));
+            let options = "--width 3 --headland 9 --origin 40.83,-96.66";
+            let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+            let [obstacle] = &plan.obstacles[..] else {
+                panic!("{:?}", plan.obstacles);
+            };
+            let size = mission::polygon::area(obstacle).abs();
+            assert!((0.009..0.013).contains(&size), "{size} m2");
+        }
+    }
+
+    #[test]
+    fn a_hole_is_an_obstacle_of_the_mission() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &square(0.0, 2.0));
+        let plan = made(
+            folder.path(),
+            &format!("--from {file} --width 3 --headland 9 --origin 40.83,-96.66"),
+        )
+        .unwrap();
+        assert_eq!((plan.fence.len(), plan.obstacles.len()), (4, 1));
+        // A mission that drives through it is refused.
+        let through = Plan {
+            legs: vec![Leg {
+                shape: Shape::Line {
+                    from: Local::new(-20.0, 2.2),
+                    to: Local::new(20.0, 2.2),
+                },
+                ..plan.legs[0].clone()
+            }],
+            ..plan
+        };
+        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+        let settings = settings(&vehicle).unwrap();
+        let refused = Drivable::of(&through)
+            .unwrap()
+            .check(&settings)
+            .unwrap_err();
+        assert!(refused.contains("obstacle"), "{refused}");
+        let clear = Plan {
+            obstacles: Vec::new(),
+            ..through
+        };
+        assert!(Drivable::of(&clear).unwrap().check(&settings).is_ok());
+    }
+
+    /// A mission is not planned faster than the drive can follow.
+    #[test]
+    fn a_mission_accelerates_as_its_drive_does() {
+        let workspace = Workspace::find().unwrap();
+        let acceleration = |limit: &str| {
+            let values = format!("machine.limits.acceleration={limit}");
+            let values = vehicle_model::Overrides::parse(&values).unwrap();
+            let vehicle = vehicle::with(&workspace, "uagv", &values).unwrap();
+            settings(&vehicle).unwrap().pace.acceleration
+        };
+        let found = ["0.2 m/s2", "0.5 m/s2", "2 m/s2"].map(acceleration);
+        assert_eq!(found, [0.2, 0.5, 0.5]);
+    }
+
+    /// A line that leaves the boundary leaves it without a fence, but not without its obstacles.
+    #[test]
+    fn obstacles_beside_lines_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &square(0.0, 2.0));
+        let text = fs::read_to_string(&file).unwrap();
+        let polygon: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let frame = Frame::new(Origin {
+            place: Geodetic {
+                latitude: 40.83,
+                longitude: -96.66,
+            },
+            height: 0.0,
+        });
+        let with_line = |east: f64| {
+            let places = [-50.0, 0.0, 50.0].map(|north| frame.geodetic(Local::new(north, east)));
+            let line = places.map(|at| json!([at.longitude, at.latitude]));
+            let line = json!({ "type": "LineString", "coordinates": line });
+            let all = json!({ "type": "GeometryCollection", "geometries": [polygon, line] });
+            fs::write(&file, all.to_string()).unwrap();
+            let words = format!("--from {file} --lines --width 3 --origin 40.83,-96.66");
+            made(folder.path(), &words)
+        };
+        let beside = with_line(10.0).unwrap();
+        assert_eq!((beside.fence.len(), beside.obstacles.len()), (0, 1));
+        let through = with_line(1.0).unwrap_err();
+        assert!(through.contains("obstacle"), "{through}");
+    }
+
+    #[test]
+    fn a_boundary_of_many_corners_becomes_a_fence_of_few() {
+        let folder = tempfile::tempdir().unwrap();
+        let walked: Vec<Local> = (0..400_i32)
+            .map(|index| {
+                let aside = f64::from(index * 37 % 11) * 0.01;
+                Local::default().towards(
+                    f64::from(index) * 0.005 * std::f64::consts::PI,
+                    40.0 + aside,
+                )
             })
-            .collect(),
-        end: End::Stop,
+            .collect();
+        let file = drawn(folder.path(), &walked, &[]);
+        let plan = made(
+            folder.path(),
+            &format!("--from {file} --width 4 --headland 10 --origin 40.83,-96.66"),
+        )
+        .unwrap();
+        assert!((3..=CORNERS).contains(&plan.fence.len()));
+        let inside = |corner: &Local| mission::polygon::holds(&walked, *corner, 1e-3);
+        assert!(plan.fence.iter().all(inside));
     }
 }

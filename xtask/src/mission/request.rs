@@ -97,8 +97,7 @@ impl Refusal {
     pub fn sentence(&self) -> String {
         match self.reason {
             None => "for a reason that this program does not know".into(),
-            // From here on, reasons are of legs.
-            Some(reason) if reason.code() > Reason::Fence.code() => {
+            Some(reason) if reason.is_of_leg() => {
                 format!("piece {} of the mission: {}", self.leg + 1, reason.text())
             }
             Some(reason) => reason.text().into(),

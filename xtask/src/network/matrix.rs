@@ -3,11 +3,14 @@
 use std::iter;
 
 use network_model::{Condition, Message, Network, SendType, Signal, ValueTable};
+use twin::Outcome;
 use vehicle_model::{Vehicle, manifest::ModeSignal};
 use world::{
-    SimDuration,
-    report::{Due, FrameRecord, ModeChange, Window, WindowKind},
+    Scenario, SimDuration,
+    report::{Due, FrameRecord, ModeChange, Run, Window, WindowKind},
 };
+
+use crate::sim::bus::Log;
 
 /// The system matrix in the form that the report needs.
 pub(crate) struct Matrix {
@@ -43,6 +46,36 @@ impl Matrix {
                 autonomous: String::new(),
             }),
             network,
+        }
+    }
+
+    /// What a run of the vehicle recorded, in the form that the report needs: without tasks, and without what a rover, rows
+    /// or a mission add.
+    pub(crate) fn run<'a>(
+        &'a self,
+        scenario: &'a Scenario,
+        nodes: &'a [String],
+        seed: u64,
+        outcome: &'a Outcome,
+        (log, modes): (&'a Log, &'a [ModeChange]),
+    ) -> Run<'a> {
+        Run {
+            scenario,
+            nodes,
+            seed,
+            duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
+            states: outcome.world.states(),
+            efforts: outcome.world.efforts(),
+            frames: &log.frames,
+            windows: &self.windows,
+            cycle_count_byte: self.cycle_count_byte(),
+            basic_cycle: self.basic_cycle(),
+            bit_time: self.bit_time(),
+            modes,
+            tasks: &[],
+            rover: None,
+            crop: None,
+            mission: None,
         }
     }
 

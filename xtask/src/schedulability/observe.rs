@@ -14,6 +14,7 @@ use world::time::{Span as _, at};
 use observer::{
     follow,
     follower::{Findings, lock},
+    slow_down,
 };
 use schedulability::{
     activations::{START_UP, excess},
@@ -36,14 +37,15 @@ use crate::{
     build::{self, Image},
 };
 
-/// Scenario of the first observed run, in the vehicle's folder.
+/// Scenario of the first observed run, in the vehicle's folder, or in that of which it is a variant.
 const SCENARIO: &str = "busy.toml";
 /// Folder of the scenarios of further runs, if the vehicle has it: with wait states only, under which
 /// jobs take longest and come closest to each other.
 const STRESS: &str = "stress";
 /// Seed of all random numbers of a run.
 const SEED: u64 = 1;
-/// Flash without wait states, and with those of the part where a handler finds nothing in its caches.
+/// Flash without wait states, and with those of the part where a handler finds nothing in its caches. The
+/// second are the runs of the slowest core that the manual allows: bounds as flashed are for that one.
 const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::EmptyCaches];
 
 /// The outcome of a run, and the findings about each node in the order of the manifest.
@@ -78,7 +80,14 @@ pub(super) fn observe(
             let name = &vehicle.node(node).name;
             let watches = programs.watches(name).map(|(_, watch)| watch);
             let lasting = programs.lasting(name).collect();
-            follow(twin.node_mut(node), watches, lasting, START_UP)
+            let mcu = twin.node_mut(node);
+            if let Some(timing) = programs
+                .flashed(name)
+                .filter(|_| job.model == Model::Flashed)
+            {
+                slow_down(mcu, timing);
+            }
+            follow(mcu, watches, lasting, START_UP)
         });
         let findings: Vec<_> = findings.collect();
         twin.run_telling(scenario.duration.span(), second, &mut |now| {
@@ -179,8 +188,15 @@ fn hold_transfers(
 
 /// The scenarios of the observed runs, in the order of their names behind the first one.
 fn scenarios(vehicle: &Vehicle) -> Result<Vec<Scenario>, Error> {
-    let stress = vehicle.folder().join(STRESS);
-    let mut paths = vec![vehicle.folder().join(SCENARIO)];
+    let of = |name: &str| {
+        let own = vehicle.folder().join(name);
+        match own.exists() {
+            true => own,
+            false => vehicle.crate_folder().join(name),
+        }
+    };
+    let stress = of(STRESS);
+    let mut paths = vec![of(SCENARIO)];
     if stress.is_dir() {
         let reading = |error| Error::Stress {
             path: stress.clone(),
@@ -231,7 +247,7 @@ fn strange(scenario: &Scenario, event_triggered: bool, errors: ErrorRate) -> Vec
         BusEvent::Corrupt { at, .. } if disturbed(ticks(*at)) > errors.burst => {
             Some(ticks(*at)..ticks(*at) + interval + ON_THE_BUS)
         }
-        BusEvent::Dominant { at, hold } if event_triggered || errors.is_none() => {
+        BusEvent::Dominant { at, hold, .. } if event_triggered || errors.is_none() => {
             Some(ticks(*at)..ticks(*at) + hold.span().as_ticks() + ON_THE_BUS)
         }
         _ => None,

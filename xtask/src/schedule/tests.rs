@@ -321,9 +321,9 @@ fn a_vehicle_without_a_window_gets_it() {
     options.write = true;
     run(&workspace, &options).unwrap();
     Network::parse(&fs::read_to_string(&path).unwrap()).unwrap();
-    options.vehicle = "tractor".into();
+    options.vehicle = "harvester".into();
     let said = run(&workspace, &options).unwrap_err().to_string();
-    assert!(said.contains("there is no vehicle \"tractor\""), "{said}");
+    assert!(said.contains("there is no vehicle \"harvester\""), "{said}");
 }
 
 /// A node that a value of the manifest switches on has its messages in a file of its own.

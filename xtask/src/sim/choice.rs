@@ -32,6 +32,12 @@ pub(super) fn choose(workspace: &Workspace, options: &Sim) -> Result<(Vehicle, S
         None => first_scenario(&vehicle::with(workspace, &options.vehicle, &own)?)?,
     };
     let (vehicle, scenario) = with(workspace, &options.vehicle, &name, &own)?;
+    if options.mission.is_some() && vehicle.manifest().missions().is_none() {
+        return Err(Failure::Usage(
+            "--mission with mission.enabled=false: the vehicle would not drive the mission, so leave one of the two out"
+                .into(),
+        ));
+    }
     let law = law(&vehicle, options)?;
     if law.is_empty() {
         return Ok((vehicle, scenario));
@@ -184,6 +190,14 @@ mod tests {
             format!("machine.law=thesis;{}", gains.replace("1.552", "2"))
         );
         assert_eq!(chosen("straight-line"), Ok(String::new()));
+    }
+
+    #[test]
+    fn a_mission_needs_missions() {
+        let refused = chosen("--mission field.toml --set mission.enabled=false").unwrap_err();
+        assert!(refused.contains("--mission with"), "{refused}");
+        let on = chosen("--mission field.toml");
+        assert_eq!(on, Ok("mission.enabled=true".into()));
     }
 
     #[test]

@@ -234,6 +234,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
         Some(path) => {
             let loaded = mission::load(&vehicle, path)?;
+            mission::settle(&mut scenario, loaded.origin)?;
             // A scenario that the user names says itself where the vehicle stands.
             if options.scenario.is_none() {
                 loaded.begin(&mut scenario);
@@ -683,19 +684,11 @@ fn finish<'s>(
 impl Finished<'_> {
     /// The recordings in the form that the report needs.
     pub(crate) fn run(&self) -> Run<'_> {
+        let of = (&self.log, &self.modes[..]);
+        let run = self
+            .matrix
+            .run(self.scenario, &self.nodes, self.seed, &self.outcome, of);
         Run {
-            scenario: self.scenario,
-            nodes: &self.nodes,
-            seed: self.seed,
-            duration: SimDuration::from_ticks(self.outcome.duration.as_ticks()),
-            states: self.outcome.world.states(),
-            efforts: self.outcome.world.efforts(),
-            frames: &self.log.frames,
-            windows: &self.matrix.windows,
-            cycle_count_byte: self.matrix.cycle_count_byte(),
-            basic_cycle: self.matrix.basic_cycle(),
-            bit_time: self.matrix.bit_time(),
-            modes: &self.modes,
             tasks: &self.tasks,
             rover: self.outcome.world.drive().map(|drive| RoverRun {
                 drive,
@@ -707,6 +700,7 @@ impl Finished<'_> {
                 guides: &self.guides,
             }),
             mission: self.mission.as_ref().map(mission::Driven::run),
+            ..run
         }
     }
 

@@ -241,13 +241,20 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         let step = |what: &str, work: fn(String) -> Work| {
             Step::new(format!("{what}, {name}"), work(name.clone()))
         };
+        let vehicle = vehicle::find(workspace, name)?;
         steps.push(step("images", Work::Images));
         steps.push(step("twin", Work::Drive));
-        steps.push(step("schedulability", Work::Schedulability));
+        // The tasks of a variant are those of the other vehicle, with other numbers.
+        let varied = vehicle.variant_of().is_some();
+        if !varied || options.long {
+            steps.push(step("schedulability", Work::Schedulability));
+        }
+        if varied {
+            continue;
+        }
         if event_triggered(workspace, name).is_ok() {
             steps.push(step("event-triggered", Work::EventTriggered));
         }
-        let vehicle = vehicle::find(workspace, name)?;
         // All of them at once: a node that is on has more to do, and delays the others more.
         let (what, sets): (Vec<_>, Vec<_>) = switches(&vehicle)
             .into_iter()
@@ -356,7 +363,9 @@ fn on_target(
     rest: &[&str],
 ) -> Result<Vec<Command>, Failure> {
     let vehicles = names.iter().map(|name| vehicle::find(workspace, name));
-    let vehicles = vehicles.collect::<Result<Vec<_>, _>>()?;
+    let mut vehicles = vehicles.collect::<Result<Vec<_>, _>>()?;
+    // A variant has no crate of its own.
+    vehicles.retain(|vehicle| vehicle.variant_of().is_none());
     let mut commands = Vec::new();
     for board in Sled::ALL {
         let mut cargo = target::cargo(workspace, command);
@@ -802,12 +811,26 @@ mod tests {
             }
         }
         let steps = steps(&workspace, &USUAL).unwrap();
+        let has = |steps: &[Step], what: &str, name: &str| {
+            let step = format!("{what}, {name}");
+            steps.iter().any(|one| one.name == step)
+        };
         for name in &names {
-            for what in ["images", "twin", "schedulability"] {
-                let step = format!("{what}, {name}");
-                assert!(steps.iter().any(|one| one.name == step), "{step}");
+            for what in ["images", "twin"] {
+                assert!(has(&steps, what, name), "{what}, {name}");
             }
+            let variant = vehicle::find(&workspace, name)
+                .unwrap()
+                .variant_of()
+                .is_some();
+            assert_eq!(has(&steps, "schedulability", name), !variant, "{name}");
         }
+        let long = Test {
+            long: true,
+            ..USUAL
+        };
+        let long = super::steps(&workspace, &long).unwrap();
+        assert!(has(&long, "schedulability", "tractor"));
         let both_ways = |name: &str| {
             let step = format!("event-triggered, {name}");
             steps.iter().any(|one| one.name == step)

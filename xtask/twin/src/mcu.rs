@@ -16,7 +16,8 @@ use crate::stores::{Bytes, Settings, Watched, reaches_registers};
 use crate::window::{Changeable, Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
 use rsemu::core::device::{Device, ResetKind};
-use rsemu::core::space::{AddressSpace, RamStore, Region, RomStore, RomWrite};
+use rsemu::core::space::{AddressSpace, DispatchPolicy, RamStore, Region, RomStore, RomWrite};
+use rsemu::cpu::arm::v7m::isa::Cond;
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 use std::collections::BTreeSet;
@@ -133,6 +134,19 @@ pub enum Storer {
 /// Callback for every action of a core.
 pub type Trace = Box<dyn FnMut(Seen) + Send>;
 
+/// An instruction that a core has just executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Executed {
+    /// Its address.
+    pub at: u32,
+    /// Where control has gone.
+    pub next: u32,
+}
+
+/// Says of each executed instruction by how many cycles it ends later than on the emulated core. `None` is one that
+/// was skipped, because its `IT` condition did not hold, or the entry or return of an exception.
+pub type Slower = Box<dyn FnMut(Option<Executed>) -> Cycles + Send>;
+
 /// A broken bit of memory.
 #[derive(Clone, Copy, Debug)]
 struct Stuck {
@@ -206,6 +220,8 @@ pub struct Mcu {
     poke: bool,
     observer: Observer,
     trace: Option<Trace>,
+    /// By how much instructions end later than on the emulated core.
+    slower: Option<Slower>,
     /// Stores to report with the trace.
     watched: Option<Watched>,
     probe: Option<Box<Probe>>,
@@ -312,6 +328,7 @@ impl Mcu {
             poke: false,
             observer: Observer::default(),
             trace: None,
+            slower: None,
             watched: None,
             probe: None,
             paused: None,
@@ -350,6 +367,7 @@ impl Mcu {
             it_states: self.it_states.clone(),
             observer: self.observer.clone(),
             trace: None,
+            slower: None,
             watched: None,
             probe: self.probe.clone(),
             debugger: self.debugger.clone(),
@@ -705,7 +723,7 @@ impl Mcu {
     /// One step of the core: an instruction, or an exception entry.
     #[inline]
     fn step(&mut self) {
-        let at = self.trace.is_some().then(|| self.core.pc());
+        let at = (self.trace.is_some() || self.slower.is_some()).then(|| self.core.pc());
         self.poke = false;
         if let Some(probe) = &mut self.probe {
             probe.steps += 1;
@@ -754,17 +772,19 @@ impl Mcu {
                 }
             }
             if let Some(at) = at {
+                self.slow_down(at, before, switch);
                 self.show(at, switch);
                 self.show_stores(at, store, settings, switch);
             }
             return;
         }
+        self.now += used;
+        self.observer.step(self.now, used + stall, 0, Switch::None);
         if let Some(at) = at {
+            self.slow_down(at, before, Switch::None);
             self.show(at, Switch::None);
             self.show_stores(at, store, settings, Switch::None);
         }
-        self.now += used;
-        self.observer.step(self.now, used + stall, 0, Switch::None);
         if used == 1 && self.observer.current() == 0 {
             let asleep = self.core.is_asleep();
             // A core that has just fallen asleep checks once for interrupts that are already
@@ -882,6 +902,24 @@ impl Mcu {
                 sys.set_pending(Exception::SYSTICK, true);
             }
         });
+    }
+
+    /// Lets the instruction at `at` end later, where the core is slower than the emulated one. `before` is the
+    /// status in which it began.
+    #[inline]
+    fn slow_down(&mut self, at: u32, before: u32, switch: Switch) {
+        let Some(slower) = &mut self.slower else {
+            return;
+        };
+        let executed = (switch == Switch::None && !is_skipped(before)).then(|| Executed {
+            at,
+            next: self.core.pc(),
+        });
+        let later = slower(executed);
+        if later > 0 {
+            self.wait(later);
+            self.observer.step(self.now, later, 0, Switch::None);
+        }
     }
 
     /// Reports a step to the trace. A step executes an instruction or enters an exception; an
@@ -1513,6 +1551,11 @@ impl Mcu {
         self.trace = trace;
     }
 
+    /// Lets the core take longer from now on than the emulated one; `None` ends this.
+    pub fn set_slower(&mut self, slower: Option<Slower>) {
+        self.slower = slower;
+    }
+
     /// Reports to the trace, from now on, each store to one of these words of memory, and each one that
     /// changes which interrupts are enabled, their priorities, or the vector table. Words are named by
     /// their first address.
@@ -1563,6 +1606,12 @@ impl Mcu {
     }
 }
 
+/// Whether the `IT` state in this status lets the next instruction be skipped (ARMv7-M manual A7.3.2: its
+/// upper half, bits 15 to 12 of the status, is the condition).
+fn is_skipped(status: u32) -> bool {
+    status & IT_STATE != 0 && !Cond((status >> 12 & 0xF) as u8).passes(status)
+}
+
 /// The halfwords at `at` and behind it, in flash or RAM.
 fn code(image: &Image, memories: &[Ram], at: u32) -> Option<[u16; 2]> {
     let mut bytes = [0; 4];
@@ -1609,6 +1658,13 @@ fn core(part: &Part, space: AddressSpace) -> ArmV7m {
     core
 }
 
+/// A table of 33 kB finds the flash, and the RAM of the larger part, without a search for the address. Smaller pages would
+/// find all memories so, but a debugger keeps many copies of each node.
+const DISPATCH: DispatchPolicy = DispatchPolicy::Dense {
+    page_bits: 16,
+    cover: 0x2002_0000,
+};
+
 fn address_space(
     part: &Part,
     rom: &Arc<RomStore>,
@@ -1616,7 +1672,7 @@ fn address_space(
     memories: &[Ram],
     shared: &Arc<Shared>,
 ) -> Result<AddressSpace, rsemu::Error> {
-    let space = AddressSpace::new("node", 32);
+    let space = AddressSpace::new("node", 32).with_dispatch(DISPATCH);
     {
         let mut map = space.topology();
         let region = Arc::new(match timed {

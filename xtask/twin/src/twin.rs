@@ -669,11 +669,23 @@ impl Twin {
                     });
                 }
             }
-            world::Disturbance::Dominant { hold } => bus.disturb(Disturbance::Stuck {
-                level: Level::Dominant,
-                from: at,
-                until: at + hold,
-            }),
+            world::Disturbance::Dominant { id, hold } => {
+                bus.disturb(match id.and_then(StandardId::new) {
+                    Some(id) => Disturbance::Hold {
+                        frame: FrameSelect::Id {
+                            id: id.into(),
+                            occurrence: 0,
+                        },
+                        bit: CORRUPTED_BIT,
+                        hold,
+                    },
+                    None => Disturbance::Stuck {
+                        level: Level::Dominant,
+                        from: at,
+                        until: at + hold,
+                    },
+                });
+            }
         }
     }
 

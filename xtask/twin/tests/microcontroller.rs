@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
 use twin::debugger::Ended;
-use twin::mcu::{Board, FlashTiming, Mcu, Seen, Storer};
+use twin::mcu::{Board, Executed, FlashTiming, Mcu, Seen, Storer};
 use twin::part::{Part, Pin};
 
 const MS: u64 = 1_000_000_000;
@@ -775,6 +775,43 @@ fn exceptions_are_observed_around_their_instructions() {
         assert!(matches!(activation[1], Seen::Executed(_)));
         assert_eq!(activation[2], Seen::Returned(0));
     }
+}
+
+/// What a slower core executes ends later; an instruction that is skipped does not, nor do entry and return of an
+/// exception, of which it is told.
+#[test]
+fn a_core_can_be_slower_than_the_emulated_one() {
+    let mut program = Program::new();
+    let start = 0x0800_0000 + program.here() as u32;
+    // movs r0, #0; ite eq; moveq r1, r0; movne r1, r0; nop
+    for half in [0x2000, 0xbf0c, 0x4601, 0x4601, 0xbf00] {
+        program.half(half);
+    }
+    program.sleep_for_ever();
+    let slept = |later: u64| {
+        let mut mcu = program.start(Part::F446, &Board::default());
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let sink = Arc::clone(&seen);
+        mcu.set_slower(Some(Box::new(move |executed| {
+            sink.lock().expect("one thread").push(executed);
+            executed.map_or(0, |_| later)
+        })));
+        run(&mut mcu, MS);
+        let seen = seen.lock().expect("one thread").clone();
+        (mcu.load().thread, seen)
+    };
+    let ((fast, seen), (slow, again)) = (slept(0), slept(100));
+    let at = |offset: u32| {
+        Some(Executed {
+            at: start + offset,
+            next: start + offset + 2,
+        })
+    };
+    // The first step is the reset.
+    assert_eq!(seen[1..6], [at(0), at(2), at(4), None, at(8)]);
+    assert_eq!(seen, again);
+    let executed = seen.iter().flatten().count() as u64;
+    assert_eq!(slow, fast + 100 * executed);
 }
 
 /// What is seen of stores to the word at 0x2000_1000, and to the registers, within a millisecond.

@@ -1,11 +1,11 @@
 //! Instructions as the emulator decodes them, and the properties that the analysis needs.
 
-use rsemu::cpu::arm::v7m::fpisa::FpInsn;
+use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn};
 use rsemu::cpu::arm::v7m::isa::{self, Cond, Insn, MemOffset};
 
 use super::image::Image;
 use super::part::Core;
-use super::register::{Register, RegisterSet};
+use super::register::{FloatSet, Register, RegisterSet, Results};
 
 /// One instruction of the image.
 #[derive(Debug, Clone, Copy)]
@@ -70,22 +70,30 @@ pub fn decode(image: &Image, address: u32, it: u8) -> Result<Instruction, NotCod
     let first = image.halfword(address).ok_or(NotCode(address))?;
     let wide = isa::is_32bit(first);
     let second = if wide {
-        image.halfword(address + 2).ok_or(NotCode(address))?
+        Some(image.halfword(address + 2).ok_or(NotCode(address))?)
     } else {
-        0
+        None
     };
-    let mut insn = isa::decode(first, second);
-    if it != 0 && !wide {
-        insn = keep_flags(insn);
+    let mut instruction = of(address, first, second).ok_or(NotCode(address))?;
+    if it != 0 {
+        instruction.condition = Some(Cond(it >> 4));
+        if !wide {
+            instruction.insn = keep_flags(instruction.insn);
+        }
     }
-    if matches!(insn, Insn::Undefined) {
-        return Err(NotCode(address));
-    }
-    Ok(Instruction {
+    Ok(instruction)
+}
+
+/// The instruction of these halfwords outside an `IT` block; `None` if they are none. A narrow one leaves the
+/// second out.
+pub(crate) fn of(address: u32, first: u16, second: Option<u16>) -> Option<Instruction> {
+    let wide = isa::is_32bit(first);
+    let insn = isa::decode(first, if wide { second? } else { 0 });
+    (!matches!(insn, Insn::Undefined)).then_some(Instruction {
         address,
         size: if wide { 4 } else { 2 },
         insn,
-        condition: (it != 0).then_some(Cond(it >> 4)),
+        condition: None,
     })
 }
 
@@ -292,6 +300,91 @@ impl Instruction {
         }
     }
 
+    /// What it may leave to the next instruction that makes it wait.
+    #[must_use]
+    pub fn results(&self) -> Results {
+        Results {
+            registers: self.written(),
+            floats: self.float_results(),
+        }
+    }
+
+    /// Cycles that it waits for what the instruction before may have left: an address, and a value that the
+    /// floating-point unit computes.
+    #[must_use]
+    pub fn stall(&self, before: Results) -> u64 {
+        let addressed = self.address_registers().meets(before.registers);
+        let computed = self.float_sources().meets(before.floats);
+        u64::from(addressed) + u64::from(computed)
+    }
+
+    /// Floating-point registers whose value it computes, the status among them. The manual (Arm 100166
+    /// 7.3.1) names arithmetic and all conversions; what only moves a value, but for one register to
+    /// another, is none of these.
+    fn float_results(&self) -> FloatSet {
+        match self.insn {
+            Insn::Fp(FpInsn::Cmp { .. }) => FloatSet::STATUS,
+            Insn::Fp(insn) => computed(insn).map_or(FloatSet::NONE, |computed| {
+                FloatSet::of(computed) | FloatSet::STATUS
+            }),
+            _ => FloatSet::NONE,
+        }
+    }
+
+    /// Floating-point registers that it reads, the status among them.
+    fn float_sources(&self) -> FloatSet {
+        let Insn::Fp(insn) = self.insn else {
+            return FloatSet::NONE;
+        };
+        let one = FloatSet::of;
+        match insn {
+            FpInsn::Data { op, d, n, m } => {
+                let reads = one(n) | one(m);
+                if accumulates(op) {
+                    reads | one(d)
+                } else {
+                    reads
+                }
+            }
+            FpInsn::Unary { m, .. }
+            | FpInsn::CvtInt { m, .. }
+            | FpInsn::CvtMode { m, .. }
+            | FpInsn::RintMode { m, .. } => one(m),
+            FpInsn::CvtFixed { d, .. } => one(d),
+            // A half of the destination stays.
+            FpInsn::CvtHalf { d, m, .. } => one(d) | one(m),
+            FpInsn::Cmp {
+                d, m, with_zero, ..
+            } => one(d) | if with_zero { FloatSet::NONE } else { one(m) },
+            FpInsn::Sel { n, m, .. } => one(n) | one(m),
+            FpInsn::MovCore {
+                to_fp: false, n, ..
+            } => one(n),
+            FpInsn::MovCore2 {
+                to_fp: false, m, ..
+            } => FloatSet::from(m, 2),
+            FpInsn::Sys { to_core: true, .. } => FloatSet::STATUS,
+            FpInsn::Mem {
+                load: false,
+                d,
+                double,
+                ..
+            } => FloatSet::from(d, if double { 2 } else { 1 }),
+            FpInsn::Multi {
+                load: false,
+                d,
+                count,
+                ..
+            } => FloatSet::from(d, count),
+            FpInsn::MovImm { .. }
+            | FpInsn::MovCore { to_fp: true, .. }
+            | FpInsn::MovCore2 { to_fp: true, .. }
+            | FpInsn::Sys { to_core: false, .. }
+            | FpInsn::Mem { load: true, .. }
+            | FpInsn::Multi { load: true, .. } => FloatSet::NONE,
+        }
+    }
+
     /// Whether `core` has it (Armv6-M Architecture Reference Manual A5; Arm DDI 0403 A1.3 for what Armv7-M
     /// has without the extensions for signal processing and floating point).
     #[must_use]
@@ -322,6 +415,48 @@ impl Instruction {
     #[must_use]
     pub fn uses_fpu(&self) -> bool {
         matches!(self.insn, Insn::Fp(_))
+    }
+}
+
+/// The floating-point register whose value an instruction computes from others.
+pub(crate) fn computed(insn: FpInsn) -> Option<u8> {
+    match insn {
+        FpInsn::Data { d, .. }
+        | FpInsn::Unary { d, .. }
+        | FpInsn::CvtInt { d, .. }
+        | FpInsn::CvtMode { d, .. }
+        | FpInsn::RintMode { d, .. }
+        | FpInsn::CvtFixed { d, .. }
+        | FpInsn::CvtHalf { d, .. }
+        | FpInsn::Sel { d, .. } => Some(d),
+        FpInsn::MovImm { .. }
+        | FpInsn::Cmp { .. }
+        | FpInsn::MovCore { .. }
+        | FpInsn::MovCore2 { .. }
+        | FpInsn::Sys { .. }
+        | FpInsn::Mem { .. }
+        | FpInsn::Multi { .. } => None,
+    }
+}
+
+/// Whether the operation adds to its destination or subtracts from it.
+pub(crate) fn accumulates(op: DataOp) -> bool {
+    match op {
+        DataOp::Mla
+        | DataOp::Mls
+        | DataOp::Nmla
+        | DataOp::Nmls
+        | DataOp::Fma
+        | DataOp::Fms
+        | DataOp::Fnma
+        | DataOp::Fnms => true,
+        DataOp::Mul
+        | DataOp::Nmul
+        | DataOp::Add
+        | DataOp::Sub
+        | DataOp::Div
+        | DataOp::Maxnm
+        | DataOp::Minnm => false,
     }
 }
 

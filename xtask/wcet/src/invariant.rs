@@ -123,7 +123,7 @@ impl Invariant {
         state.memory = common(&before.memory, &state.memory);
         state.held = common(&before.held, &state.held);
         state.flash = state.flash.steady(&before.flash);
-        state.written |= before.written;
+        state.left |= before.left;
         let mut rules = HashMap::new();
         let mut variables = HashMap::new();
         for (cell, value) in cells(&state) {
@@ -300,8 +300,8 @@ impl Invariant {
             }
         }
         confirmed &= state.flash.holds(&after.flash, reads);
-        if !state.written.holds(after.written) {
-            state.written |= after.written;
+        if !state.left.holds(after.left) {
+            state.left |= after.left;
             confirmed = false;
         }
         confirmed

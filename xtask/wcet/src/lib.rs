@@ -43,6 +43,7 @@ pub mod register;
 mod runtime;
 mod signatures;
 mod slots;
+pub mod slowest;
 pub mod software;
 pub mod stack;
 mod state;

@@ -129,3 +129,95 @@ impl BitOrAssign for RegisterSet {
         *self = *self | other;
     }
 }
+
+/// A set of floating-point registers by their numbers in single precision, and of the status register of
+/// the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct FloatSet(u64);
+
+impl FloatSet {
+    /// No register.
+    pub const NONE: Self = Self(0);
+    /// The status register, `FPSCR`.
+    pub const STATUS: Self = Self(1 << 32);
+    /// Every register, and the status.
+    pub const ALL: Self = Self((1 << 33) - 1);
+
+    /// The set of this one register, `s0` to `s31`; only the low five bits of the number count.
+    #[must_use]
+    pub const fn of(single: u8) -> Self {
+        Self(1 << (single & 31))
+    }
+
+    /// The set of `count` registers from this one on.
+    #[must_use]
+    pub fn from(first: u8, count: u8) -> Self {
+        let all = (0..count).map(|next| Self::of(first.saturating_add(next)));
+        all.fold(Self::NONE, |all, one| all | one)
+    }
+
+    /// Whether the two sets have a member in common.
+    #[must_use]
+    pub const fn meets(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Whether every member of `other` is one of this set.
+    #[must_use]
+    pub const fn holds(self, other: Self) -> bool {
+        other.0 & !self.0 == 0
+    }
+}
+
+impl BitOr for FloatSet {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// What an instruction may leave to the next one that makes it wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct Results {
+    /// Core registers that it may have written.
+    pub registers: RegisterSet,
+    /// Floating-point registers that it may have computed.
+    pub floats: FloatSet,
+}
+
+impl Results {
+    /// Nothing.
+    pub const NONE: Self = Self {
+        registers: RegisterSet::NONE,
+        floats: FloatSet::NONE,
+    };
+    /// Every register: the instruction is not known.
+    pub const ALL: Self = Self {
+        registers: RegisterSet::ALL,
+        floats: FloatSet::ALL,
+    };
+
+    /// Whether everything in `other` is in this one.
+    #[must_use]
+    pub const fn holds(self, other: Self) -> bool {
+        self.registers.holds(other.registers) && self.floats.holds(other.floats)
+    }
+}
+
+impl BitOr for Results {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self {
+            registers: self.registers | other.registers,
+            floats: self.floats | other.floats,
+        }
+    }
+}
+
+impl BitOrAssign for Results {
+    fn bitor_assign(&mut self, other: Self) {
+        *self = *self | other;
+    }
+}

@@ -14,7 +14,7 @@ use super::layout::STACK_TOP;
 use super::mask::{ExceptionMask, Masked};
 use super::merge::Merge;
 use super::range::Range;
-use super::register::{Register, RegisterSet};
+use super::register::{Register, Results};
 use super::slots::Slots;
 use super::symbols::Symbols;
 use super::value::{Symbol, Value};
@@ -77,8 +77,8 @@ pub(crate) struct State {
     pub cycles: Cycles,
     /// The flash memory and its caches, as flashed.
     pub flash: Accelerator,
-    /// Registers that the previous instruction may have written.
-    pub written: RegisterSet,
+    /// What the previous instruction may have left.
+    pub left: Results,
     /// Critical sections that are still running.
     pub masked: Vec<Masked>,
     /// True if a task could run since reset. False only in start-up code.
@@ -117,7 +117,7 @@ impl State {
             escaped: false,
             cycles: Cycles::ZERO,
             flash: Accelerator::unknown(None),
-            written: RegisterSet::ALL,
+            left: Results::ALL,
             masked: Vec::new(),
             started: true,
             resetting: false,
@@ -286,7 +286,7 @@ impl State {
             escaped: self.escaped || other.escaped,
             cycles: self.cycles.max(other.cycles),
             flash: self.flash.join(&other.flash),
-            written: self.written | other.written,
+            left: self.left | other.left,
             masked: join_sections(&self.masked, &other.masked),
             started: self.started || other.started,
             resetting: self.resetting && other.resetting,

@@ -10,11 +10,11 @@ use rsemu::cpu::arm::v7m::isa::{BarrierOp, Insn};
 use super::cycles::Cycles;
 use super::execute::Access;
 use super::flash::Reads;
-use super::instruction::Instruction;
+use super::instruction::{Instruction, accumulates};
 use super::layout::STACK;
 use super::part::{Areas, Core, Part};
 use super::range::Range;
-use super::register::RegisterSet;
+use super::register::Results;
 
 /// Wait states of one kind of memory, in core cycles beyond the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -219,19 +219,20 @@ impl Timing {
     }
 
     /// Cycles of one executed instruction, without what it waits for the flash and without
-    /// the pipeline refill of a taken branch. `previous` are the registers that the
-    /// instruction before may have written.
+    /// the pipeline refill of a taken branch. `previous` is what the instruction before may have left: an
+    /// address that it has written, or a value that it has computed in the floating-point unit, comes a cycle
+    /// later.
     #[must_use]
     pub fn instruction(
         &self,
         instruction: &Instruction,
         access: Option<&Access>,
-        previous: RegisterSet,
+        previous: Results,
     ) -> u64 {
         match self.waits {
             None => emulated(instruction, access),
             Some(waits) => {
-                let stall = u64::from(instruction.address_registers().meets(previous));
+                let stall = instruction.stall(previous);
                 let memory = access.map_or(0, |access| {
                     let unaligned = if aligned(access) {
                         0
@@ -389,13 +390,12 @@ fn worst_case(instruction: &Instruction, waits: Waits) -> u64 {
         Insn::LoadStoreExclusive { .. } => 2,
         Insn::TableBranch { .. } => 3,
         Insn::Fp(insn) => match insn {
-            FpInsn::Data { op, .. } => 2 + multiply_accumulate(op, 2, 13),
+            FpInsn::Data { op, .. } => 1 + multiply_accumulate(op, 2, 13),
             FpInsn::Unary {
                 op: UnaryOp::Sqrt, ..
-            } => 15,
-            FpInsn::Mem { .. } | FpInsn::Multi { .. } => 1,
-            FpInsn::MovCore2 { .. } => 3,
-            _ => 2,
+            } => 14,
+            FpInsn::MovCore2 { .. } => 2,
+            _ => 1,
         },
         _ => 1,
     }
@@ -406,14 +406,7 @@ fn worst_case(instruction: &Instruction, waits: Waits) -> u64 {
 fn multiply_accumulate(op: DataOp, accumulate: u64, divide: u64) -> u64 {
     match op {
         DataOp::Div => divide,
-        DataOp::Mla
-        | DataOp::Mls
-        | DataOp::Nmla
-        | DataOp::Nmls
-        | DataOp::Fma
-        | DataOp::Fms
-        | DataOp::Fnma
-        | DataOp::Fnms => accumulate,
+        _ if accumulates(op) => accumulate,
         _ => 0,
     }
 }
@@ -443,17 +436,17 @@ fn bit_band(address: Range) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::{Timing, Timings};
     use crate::execute::Access;
     use crate::instruction::Instruction;
     use crate::part::{Areas, Core, Part, STM32_FAST};
     use crate::range::Range;
-    use crate::register::RegisterSet;
+    use crate::register::{FloatSet, Results};
     use rsemu::cpu::arm::v7m::isa;
 
     /// Flash takes 5 cycles more, RAM 1, peripherals 12 and 6.
-    const SLOW_PART: Part = Part {
+    pub(crate) const SLOW_PART: Part = Part {
         core: Core::CortexM4,
         core_hz: 180_000_000,
         priority_bits: 4,
@@ -493,6 +486,17 @@ mod tests {
     /// `ldr r0, [r1]`
     const LOAD: [u16; 2] = [0x6808, 0];
 
+    fn decoded(code: [u16; 2]) -> Instruction {
+        let insn = isa::decode(code[0], code[1]);
+        assert!(!matches!(insn, isa::Insn::Undefined), "{code:x?}");
+        Instruction {
+            address: 0x0800_0000,
+            size: if isa::is_32bit(code[0]) { 4 } else { 2 },
+            insn,
+            condition: None,
+        }
+    }
+
     fn cost(timing: &Timing, code: [u16; 2], address: Range, count: u32) -> u64 {
         let access = Access {
             address,
@@ -501,17 +505,8 @@ mod tests {
             count,
         };
         let access = (count > 0).then_some(access);
-        let instruction = Instruction {
-            address: 0x0800_0000,
-            size: if isa::is_32bit(code[0]) { 4 } else { 2 },
-            insn: isa::decode(code[0], code[1]),
-            condition: None,
-        };
-        assert!(
-            !matches!(instruction.insn, isa::Insn::Undefined),
-            "{code:x?}"
-        );
-        timing.instruction(&instruction, access.as_ref(), RegisterSet::NONE)
+        let instruction = decoded(code);
+        timing.instruction(&instruction, access.as_ref(), Results::NONE)
     }
 
     /// The most cycles in the tables of the manual (Arm 100166, 3.3.1 and 7.3.1) without wait states,
@@ -561,6 +556,47 @@ mod tests {
         // P is 3 at most.
         assert!(NO_WAITS.taken() >= 3);
         assert!(NO_WAITS.exceptions().entry >= 12 && NO_WAITS.exceptions().exit >= 10);
+    }
+
+    /// A result of floating-point arithmetic that the next instruction uses comes a cycle later (Arm
+    /// 100166 7.3.1), as does an address.
+    #[test]
+    fn what_the_instruction_before_has_computed_comes_a_cycle_later() {
+        // Pairs as LLVM assembles them.
+        for (first, then, waits) in [
+            // vadd.f32 s0, s1, s2: vmul.f32 s3, s0, s4; s3, s4, s0; s0, s3, s4; vmul.f32 s3, s4, s5
+            ([0xee30, 0x0a81], [0xee60, 0x1a02], true),
+            ([0xee30, 0x0a81], [0xee62, 0x1a00], true),
+            ([0xee30, 0x0a81], [0xee21, 0x0a82], false),
+            ([0xee30, 0x0a81], [0xee62, 0x1a22], false),
+            // vfma.f32 s0, s1, s2 reads its destination, vmla.f32 too, here behind vsqrt.f32 s0, s1
+            ([0xee30, 0x0a81], [0xeea0, 0x0a81], true),
+            ([0xeeb1, 0x0ae0], [0xee00, 0x0a81], true),
+            // vcvt.s32.f32 s0, s1: vmov r0, s0; vmov r0, r1, s0, s1; vstr s0, [r1]
+            ([0xeebd, 0x0ae0], [0xee10, 0x0a10], true),
+            ([0xeebd, 0x0ae0], [0xec51, 0x0a10], true),
+            ([0xeebd, 0x0ae0], [0xed81, 0x0a00], true),
+            // vcmp.f32 s0, s1: vmrs; vadd of what it compared
+            ([0xeeb4, 0x0a60], [0xeef1, 0xfa10], true),
+            ([0xeeb4, 0x0a60], [0xee30, 0x0a81], false),
+            // Moved, not computed: vldr s1, [r1]; vmov s1, r0: vadd.f32 s0, s1, s2
+            ([0xedd1, 0x0a00], [0xee30, 0x0a81], false),
+            ([0xee00, 0x0a90], [0xee30, 0x0a81], false),
+            // vpush {s0-s3} behind vadd.f32 s0, s1, s2
+            ([0xee30, 0x0a81], [0xed2d, 0x0a04], true),
+            // adds r1, r1, r2: ldr r0, [r1]
+            ([0x1889, 0], LOAD, true),
+            // ldr r0, [r1]: str r0, [r1], whose address is older
+            (LOAD, STORE, false),
+        ] {
+            let (first, then) = (decoded(first), decoded(then));
+            let of = |previous| NO_WAITS.instruction(&then, None, previous);
+            let late = of(first.results()) - of(Results::NONE);
+            assert_eq!(late, u64::from(waits), "{} {}", first.insn, then.insn);
+            assert!(of(Results::ALL) >= of(first.results()));
+            assert!(Results::ALL.holds(first.results()));
+        }
+        assert_eq!(FloatSet::from(30, 2), FloatSet::of(30) | FloatSet::of(31));
     }
 
     /// The same for the other cores, taken branches with their refill: Arm DDI 0337I table 3-1, DDI 0432C and

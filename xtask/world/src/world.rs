@@ -80,6 +80,8 @@ pub enum Disturbance {
     },
     /// The bus is held dominant.
     Dominant {
+        /// From the middle of the next frame with this identifier on; at once if there is none.
+        id: Option<u16>,
         /// How long.
         hold: SimDuration,
     },
@@ -456,8 +458,9 @@ impl World {
                 let what = Disturbance::CorruptNext { id, count };
                 self.push(at(when.span()), Effect::Bus(what));
             }
-            BusEvent::Dominant { at: when, hold } => {
-                let what = Disturbance::Dominant { hold: hold.span() };
+            BusEvent::Dominant { at: when, id, hold } => {
+                let hold = hold.span();
+                let what = Disturbance::Dominant { id, hold };
                 self.push(at(when.span()), Effect::Bus(what));
             }
         }

@@ -4,8 +4,8 @@ mod uagv;
 
 use world::receiver::Fix;
 use world::report::{
-    Located, MissionFigures, MissionRun, Purpose, Run, SectionSwitch, Stage, Summary, states,
-    terminal,
+    Located, MissionFigures, MissionRun, Purpose, Run, RunEnd, SectionSwitch, Stage, Summary,
+    states, terminal,
 };
 use world::time::{at, from_seconds};
 use world::{Scenario, StateSample};
@@ -42,6 +42,7 @@ struct Driven {
     states: Vec<StateSample>,
     located: Vec<Located>,
     switches: Vec<SectionSwitch>,
+    ended: Vec<RunEnd>,
 }
 
 impl Driven {
@@ -88,6 +89,7 @@ impl Driven {
             states,
             located,
             switches: Vec::new(),
+            ended: Vec::new(),
         }
     }
 
@@ -108,6 +110,7 @@ impl Driven {
             ends: true,
             located: &self.located,
             switches: &self.switches,
+            ended: &self.ended,
             width: Some(3.0),
             rear: REAR,
         };
@@ -261,6 +264,46 @@ fn a_stop_on_the_way_is_counted() {
         },
     );
     assert_eq!(driven.figures().stops, 0);
+}
+
+/// Where the vehicle is does not tell whether it has come there by its path.
+#[test]
+fn a_run_that_something_else_ended_is_not_driven_to_its_end() {
+    let mut driven = Driven::new(beside);
+    let end = |mode: &str, reason: Option<&str>, arrived| RunEnd {
+        at_seconds: 60.6,
+        mode: mode.into(),
+        reason: reason.map(str::to_owned),
+        arrived,
+    };
+    let look = |driven: &Driven| {
+        driven.look(|run, mission| {
+            let text = terminal(&Summary::of(run), None);
+            (MissionFigures::of(run, mission), text)
+        })
+    };
+    let fence = end("Fault", Some("Fence"), false);
+    driven.ended = vec![fence.clone()];
+    let (figures, text) = look(&driven);
+    assert!(!figures.finished && figures.stops == 1);
+    assert_eq!(figures.ended.as_ref(), Some(&fence));
+    assert!(
+        text.contains("driven not to its end: 50.0 m in 50.0 s with 1 stop\n"),
+        "{text}"
+    );
+    assert!(
+        text.contains("its run ended at 60.6 s: mode Fault, reason Fence\n"),
+        "{text}"
+    );
+    // A second run takes it to its end.
+    driven
+        .ended
+        .push(end("AutonomousReady", Some("PathEnd"), true));
+    let (figures, text) = look(&driven);
+    assert!(figures.finished && figures.stops == 1 && figures.ended.is_none());
+    assert!(!text.contains("its run ended"), "{text}");
+    driven.ended = vec![end("Idle", None, true)];
+    assert!(look(&driven).0.finished);
 }
 
 #[test]

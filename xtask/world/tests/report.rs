@@ -744,6 +744,40 @@ fn frames_without_a_reference_are_outside() {
     assert_eq!(bus.frames_outside_their_window, 3);
 }
 
+/// A foreign node may flood the bus with a message of the network that belongs into an arbitrating window.
+#[test]
+fn event_messages_outside_the_arbitrating_windows_are_counted() {
+    let mut made = traffic();
+    made.windows.push(window(
+        531,
+        30_000.0,
+        WindowKind::Arbitrating,
+        Due::Sometimes,
+    ));
+    let outside = |made: &Made| Summary::of(&made.run()).bus.frames_outside_their_window;
+    let clean = outside(&made);
+    // In its own window, early by less than two clocks differ, and tried again in another one.
+    for start in [40_500.0, 39_985.0, 122_900.0] {
+        made.frames.push(frame(531, 0, start, 50));
+    }
+    made.frames.sort_by_key(|frame| frame.start);
+    assert_eq!(outside(&made), clean);
+    for start in [39_900.0, 41_000.0, 43_000.0, 121_900.0, 245_000.0] {
+        made.frames.push(frame(531, 0, start, 50));
+    }
+    made.frames.sort_by_key(|frame| frame.start);
+    assert_eq!(outside(&made), clean + 5);
+    // After the end of the last basic cycle, too.
+    made.duration = 1.0;
+    made.frames.push(frame(531, 0, 400_000.0, 50));
+    assert_eq!(outside(&made), clean + 6);
+    // A bus without references has no windows to keep to.
+    for window in &mut made.windows {
+        window.kind = WindowKind::Arbitrating;
+    }
+    assert_eq!(outside(&made), 0);
+}
+
 #[test]
 fn error_frames_load_the_bus_but_are_no_frames() {
     let mut made = traffic();

@@ -157,6 +157,11 @@ fn resets_and_bus_events_come_at_their_times() {
         what = "dominant"
         at = "60 ms"
         hold = "1 ms"
+        [[bus]]
+        what = "dominant"
+        at = "70 ms"
+        id = 7
+        hold = "1 ms"
     "#;
     let outputs = until(text, 1.0);
     let foreign: Vec<(u64, Effect)> = outputs
@@ -179,7 +184,8 @@ fn resets_and_bus_events_come_at_their_times() {
         [
             (10, Effect::Bus(frame.clone())),
             (50, Effect::Bus(corrupt)),
-            (60, Effect::Bus(Disturbance::Dominant { hold })),
+            (60, Effect::Bus(Disturbance::Dominant { id: None, hold })),
+            (70, Effect::Bus(Disturbance::Dominant { id: Some(7), hold })),
             (
                 100,
                 Effect::Reset {

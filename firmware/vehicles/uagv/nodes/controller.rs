@@ -458,7 +458,7 @@ mod app {
             let _ = link
                 .lock(|link| link.queue_event(MissionEvent::ID, &event, design::EVENT_LIFETIME));
         }
-        // loop-bound: 4. mission::STEPS.
+        // loop-bound: 2. mission::STEPS.
         for _ in 0..mission::STEPS {
             // Sections of their own: a step of the planning takes long.
             let at = driving.lock(|driving| mission::at(&mut driving.pilot));
@@ -471,7 +471,11 @@ mod app {
         // A copy, so that the lock is short.
         let seen = driving.lock(|driving| mission::see(&driving.pilot));
         let shown = plan.shown(&seen, look);
-        driving.lock(|driving| driving.shown = shown);
+        let strays = plan.strays(&seen);
+        driving.lock(|driving| {
+            driving.shown = shown;
+            driving.pilot.set_strays(strays);
+        });
         let (state, sections) = plan.tell(&seen);
         link.lock(|link| link.put(window::MISSION_STATE, state));
         link.lock(|link| link.put(window::SECTION_SWITCHING, sections));

@@ -1,8 +1,11 @@
 //! Missions: what the controller's task of low priority does for them, and their messages.
 
+use control::dubins::Pose;
+use control::fence::Point;
 use control::mission::{Outputs, Piece, Purpose, Section, Stretch, Switching};
 use control::path::Progress;
 use control::route::Route as _;
+use control::scalar::Scalar as _;
 use firmware::convert;
 use firmware::e2e::Secret;
 use firmware::machine::Machine;
@@ -11,7 +14,9 @@ use firmware::mission::store::{self, Place};
 use firmware::mission::upload::{
     self, Effect, Event, Inbox, Job, Outcome, Reason, Session, Situation,
 };
-use firmware::mission::{self as missions, At, Stage, State, Stored, Told, Work, dropped};
+use firmware::mission::{
+    self as missions, At, Stage, Standing, State, Stored, Stray, Told, Work, dropped,
+};
 use network::Message;
 use ttcan::Frame;
 
@@ -22,13 +27,16 @@ use crate::messages::{
 use crate::{Pilot, Uagv};
 
 /// Steps of the planning in a basic cycle. A turn needs some hundred of them, and a leg gives it seconds.
-pub const STEPS: usize = 4;
+pub const STEPS: usize = 2;
 
 /// Frames of requests that are read in a basic cycle.
 pub const FRAMES: usize = 10;
 
 /// Answers that are sent in a basic cycle, as message 532 may come twice in one.
 pub const ANSWERS: usize = 2;
+
+/// Standard deviations by which a place may be off.
+const DEVIATIONS: f32 = 3.0;
 
 /// Speed from which on the vehicle moves, m/s.
 const MOVES: f32 = 0.1;
@@ -209,6 +217,10 @@ pub struct Seen {
     running: bool,
     /// Whether the progress is that of the vehicle: before it has moved, nobody knows where it is.
     located: bool,
+    /// How far it is beside its path, m.
+    aside: f32,
+    /// What is known of its place.
+    standing: Standing,
 }
 
 /// Looks at what the pilot does.
@@ -220,6 +232,39 @@ pub fn see(pilot: &Pilot) -> Seen {
         speed: pilot.decision().tracking.speed,
         running: pilot.mode() == control::mode::Mode::AutonomousRun,
         located: law.is_located(),
+        aside: pilot.decision().tracking.cross_track.abs(),
+        standing: standing(pilot),
+    }
+}
+
+/// Where the vehicle is.
+fn standing(pilot: &Pilot) -> Standing {
+    let law = pilot.law();
+    let fixed = pilot.is_fixed();
+    if law.is_located() {
+        let estimate = law.estimator().estimate();
+        let pose = Pose {
+            north: estimate.north,
+            east: estimate.east,
+            heading: estimate.heading,
+        };
+        // By dead reckoning the place is less and less known.
+        let off = if fixed {
+            0.0
+        } else {
+            DEVIATIONS * law.estimator().largest_position_variance().root()
+        };
+        Standing::Pose(pose, off)
+    } else if fixed {
+        let position = pilot.decision().position;
+        let (north, east) = position.metres_from(law.route().origin());
+        let estimator = &Uagv::SETTINGS.estimator;
+        let reach = crate::design::LAW
+            .footprint()
+            .reach_about(estimator.geometry.l1, estimator.antenna.right);
+        Standing::Antenna(Point { north, east }, reach)
+    } else {
+        Standing::Unknown
     }
 }
 
@@ -349,6 +394,14 @@ impl Plan {
         self.work.step(at)
     }
 
+    /// Why the vehicle must not drive by itself where it is, if so.
+    pub fn strays(&self, seen: &Seen) -> Option<firmware::pilot::Reason> {
+        Some(match self.work.strays(&seen.standing)? {
+            Stray::Fence => firmware::pilot::Reason::Fence,
+            Stray::Far => firmware::pilot::Reason::FarOff,
+        })
+    }
+
     /// What the operator sees of the mission.
     #[inline(never)]
     pub fn shown(&self, seen: &Seen, look: Look) -> Shown {
@@ -386,8 +439,11 @@ impl Plan {
             speed,
             running,
             located,
+            aside,
+            ..
         } = seen;
-        let switching = if *running && *located {
+        let works = *running && *located && *aside <= crate::design::LAW.aside;
+        let switching = if works {
             self.outputs.step(route, progress, *speed, Uagv::PERIOD)
         } else {
             self.outputs = all_off();

@@ -257,6 +257,8 @@ pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange 
             Reason::NoHeading => named::ModeReason::NoHeading,
             Reason::Joystick => named::ModeReason::Joystick,
             Reason::NoCommands => named::ModeReason::NoCommands,
+            Reason::Fence => named::ModeReason::Fence,
+            Reason::FarOff => named::ModeReason::FarOff,
         },
         counter,
         system_time: Milliseconds(time),

@@ -71,10 +71,60 @@ fn a_run_needs_two_presses_and_a_fix_and_ends_with_it() {
     let (command, _) = step(&mut pilot, &inputs(true));
     // One metre right of the line: steer left.
     assert!(command.steering_rate.0 < 0 && command.speed.0 > 0);
-    let (command, change) = step(&mut pilot, &inputs(false));
+    // The receiver is silent, which is not bridged.
+    let silent = Inputs {
+        velocity: None,
+        ..inputs(false)
+    };
+    let _ = step(&mut pilot, &silent);
+    let (command, change) = step(&mut pilot, &silent);
     assert_eq!(command.mode, Named::AutonomousReady);
     assert_eq!(command.speed.0, 0);
     assert_eq!(change.unwrap().reason, Reason::FixLost);
+}
+
+/// A second without a fixed solution is bridged while velocities come. Then the run ends.
+#[test]
+fn a_moment_without_a_fix_is_bridged() {
+    let mut pilot = Pilot::new().unwrap();
+    let mut north = 1000;
+    let mut drive = |pilot: &mut Pilot, fixed: bool| {
+        north += 100;
+        let inputs = Inputs {
+            position: fixed.then_some(Position::new(north, 0)),
+            ..inputs(fixed)
+        };
+        step(pilot, &inputs)
+    };
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = drive(&mut pilot, true);
+    }
+    for _ in 0..30 {
+        let _ = drive(&mut pilot, true);
+    }
+    for pause in [1, 5, 10] {
+        for _ in 0..pause {
+            let (command, _) = drive(&mut pilot, false);
+            assert_eq!(command.mode, Named::AutonomousRun);
+            assert!(command.speed.0 > 50, "{pause}: {}", command.speed.0);
+        }
+        for _ in 0..20 {
+            let (command, _) = drive(&mut pilot, true);
+            assert_eq!(command.mode, Named::AutonomousRun);
+        }
+    }
+    for _ in 0..10 {
+        let (command, _) = drive(&mut pilot, false);
+        assert_eq!(command.mode, Named::AutonomousRun);
+    }
+    let (command, change) = drive(&mut pilot, false);
+    assert_eq!((command.mode, command.speed.0), (Named::AutonomousReady, 0));
+    assert_eq!(change.unwrap().reason, Reason::FixLost);
+    // It is not begun without one.
+    press(&mut pilot, Button::C);
+    let (command, _) = drive(&mut pilot, false);
+    assert_eq!(command.mode, Named::AutonomousReady);
 }
 
 /// Message 452 has the command, message 453 what the law asked for.
@@ -186,6 +236,46 @@ fn a_run_ends_at_the_end_of_the_path() {
     let beyond = at(244_100);
     let (command, _) = step(&mut pilot, &beyond);
     assert!(!command.drive_enabled && command.speed.0 == 0);
+}
+
+#[test]
+fn a_run_out_of_the_fence_is_a_fault_and_a_drive_by_joystick_is_not() {
+    let mut pilot = Pilot::new().unwrap();
+    let _ = step(&mut pilot, &inputs(true));
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &inputs(true));
+    }
+    assert_eq!(pilot.mode(), Mode::AutonomousRun);
+    pilot.set_strays(Some(Reason::Fence));
+    let (command, change) = step(&mut pilot, &inputs(true));
+    assert!(!command.drive_enabled && command.speed.0 == 0);
+    let change = change.unwrap();
+    assert_eq!((change.mode, change.reason), (Mode::Fault, Reason::Fence));
+    // Back by hand.
+    press(&mut pilot, Button::A);
+    let _ = step(&mut pilot, &inputs(true));
+    press(&mut pilot, Button::B);
+    let _ = step(&mut pilot, &inputs(true));
+    assert_eq!(pilot.mode(), Mode::Manual);
+    let _ = step(&mut pilot, &inputs(true));
+    assert_eq!(pilot.mode(), Mode::Manual);
+    // No run begins there.
+    press(&mut pilot, Button::C);
+    let _ = step(&mut pilot, &inputs(true));
+    assert_eq!(pilot.mode(), Mode::AutonomousReady);
+    press(&mut pilot, Button::C);
+    let (command, change) = step(&mut pilot, &inputs(true));
+    assert!(!command.drive_enabled);
+    assert_eq!(change.unwrap().reason, Reason::Fence);
+    pilot.set_strays(None);
+    press(&mut pilot, Button::A);
+    let _ = step(&mut pilot, &inputs(true));
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &inputs(true));
+    }
+    assert_eq!(pilot.mode(), Mode::AutonomousRun);
 }
 
 #[test]

@@ -29,6 +29,7 @@ impl Machine for Rows {
     const FULL_BYTE_IS_FORWARD: bool = Uagv::FULL_BYTE_IS_FORWARD;
     const ROUTE: [Position; 2] = Uagv::ROUTE;
     const PERIOD: f32 = Uagv::PERIOD;
+    const INTERVAL: f32 = Uagv::INTERVAL;
     const SETTINGS: Settings<f32> = Uagv::SETTINGS;
     type Law = Furrow;
     const LAW: () = ();

@@ -198,6 +198,20 @@ impl std::error::Error for CurveError {}
 /// Most points of a resampled curve.
 pub const MOST_SAMPLES: usize = 100_000;
 
+/// Points of steady curvature in place of noisy ones.
+///
+/// # Errors
+/// [`CurveError`] if a number is not usable, or there would be too many points.
+pub fn resample(points: &[Local], resampling: &Resampling) -> Result<Vec<Local>, CurveError> {
+    let options = Options {
+        resampling: Some(*resampling),
+        ..Options::default()
+    };
+    check(points, &options)?;
+    let even = smooth::resampled(points, resampling.spacing, resampling.noise);
+    Ok(even)
+}
+
 /// A kink at which points double back, rad.
 const REVERSAL: f64 = 150.0 * std::f64::consts::PI / 180.0;
 /// Points nearer than this are the same, m.

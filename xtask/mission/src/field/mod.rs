@@ -15,6 +15,7 @@ mod swaths;
 
 use std::fmt;
 
+use geo::bool_ops::FillRule;
 use geo::buffer::{BufferStyle, LineJoin};
 use geo::{Area as _, BooleanOps as _, Buffer as _, MultiPolygon, Polygon};
 
@@ -102,6 +103,33 @@ pub fn areas(drawing: &read::Drawing, frame: &Frame) -> Vec<(String, Area)> {
         areas.push((named.name.clone(), area));
     }
     areas
+}
+
+/// The piece of a line that lies inside a field, `margin` metres or more from its edge and its holes, and is nearest to where the line
+/// begins. The line goes on in both directions. `None` if it passes the field by.
+#[must_use]
+pub fn inside(area: &Area, margin: f64, from: Local, to: Local) -> Option<(Local, Local)> {
+    let bearing = from.bearing(to);
+    let far = 3.0 * crate::place::FARTHEST;
+    let line: geo::LineString = [from.towards(bearing, -far), from.towards(bearing, far)]
+        .into_iter()
+        .map(polygon::coord)
+        .collect();
+    let area = area.polygon();
+    let room = match margin > 0.0 {
+        true => inset(&area, margin),
+        false => MultiPolygon::new(vec![area]),
+    };
+    let cut = room.clip(&geo::MultiLineString::new(vec![line]), false);
+    let ends = cut.iter().filter_map(|piece| {
+        let place = |at: &geo::Coord| Local::new(at.y, at.x);
+        let (one, other) = (place(piece.0.first()?), place(piece.0.last()?));
+        // In the direction of the line.
+        let turned = (one.bearing(other) - bearing).cos() < 0.0;
+        Some(if turned { (other, one) } else { (one, other) })
+    });
+    let away = |(one, other): &(Local, Local)| polygon::distance_to_piece(from, *one, *other);
+    ends.min_by(|one, other| away(one).total_cmp(&away(other)))
 }
 
 /// How a field is divided.
@@ -250,6 +278,12 @@ impl Coverage {
     #[must_use]
     pub fn share(&self) -> f64 {
         self.covered / self.inner
+    }
+
+    /// Share of the whole field that the swaths cover, 0 to 1.
+    #[must_use]
+    pub fn share_of_field(&self) -> f64 {
+        (self.covered + self.outside).min(self.field) / self.field
     }
 }
 
@@ -420,7 +454,8 @@ fn repaired(area: &Area) -> Result<(Area, f64), FieldError> {
         .iter()
         .map(|hole| Polygon::new(polygon::ring(hole), Vec::new()))
         .collect();
-    let edge = geo::unary_union([&edge]);
+    // A part that its edge goes round the other way counts as well.
+    let edge = edge.union_with_fill_rule(&MultiPolygon::new(Vec::new()), FillRule::NonZero);
     let all = edge.difference(&geo::unary_union(&holes));
     let size = |part: &Polygon| part.unsigned_area();
     let total = all.unsigned_area();
@@ -519,6 +554,7 @@ impl Field {
             origin,
             width: Some(self.options.width),
             fence: self.area.outer.clone(),
+            obstacles: self.area.holes.clone(),
             legs,
             end: work.end,
         }

@@ -16,6 +16,10 @@ pub const FASTEST: f64 = 10.0;
 pub const WIDEST: f64 = 50.0;
 /// Shortest leg, m.
 pub const SHORTEST: f64 = 0.1;
+/// Least area of a fence, m2.
+pub const LEAST_FENCE: f64 = 1.0;
+/// Least area of an obstacle, m2: it may be a pole.
+pub const LEAST_OBSTACLE: f64 = 1e-4;
 /// Least distance between two points of a curve that follow each other, m.
 const CLOSEST: f64 = 0.001;
 /// Largest distance between the end of a leg and the beginning of one that continues it, m.
@@ -29,6 +33,10 @@ pub(super) fn check(plan: &Plan) -> Result<(), Problem> {
     let whole = |what| Problem { leg: None, what };
     header(plan).map_err(whole)?;
     fence(&plan.fence).map_err(whole)?;
+    for (index, obstacle) in plan.obstacles.iter().enumerate() {
+        let field = format!("obstacle {}", index + 1);
+        ring(&field, obstacle).map_err(whole)?;
+    }
     for (index, leg) in plan.legs.iter().enumerate() {
         let last = plan.legs.len() - 1;
         let before = match (index, plan.end) {
@@ -36,7 +44,7 @@ pub(super) fn check(plan: &Plan) -> Result<(), Problem> {
             (0, End::Repeat) => plan.legs.get(last),
             _ => plan.legs.get(index - 1),
         };
-        self::leg(leg, before, &plan.fence).map_err(|what| Problem {
+        self::leg(leg, before, plan).map_err(|what| Problem {
             leg: Some(index),
             what,
         })?;
@@ -107,29 +115,40 @@ fn fence(corners: &[Local]) -> Outcome {
     if corners.is_empty() {
         return Ok(());
     }
+    ring("fence", corners)
+}
+
+/// A polygon without crossings that encloses something.
+fn ring(field: &str, corners: &[Local]) -> Outcome {
     if !(3..=MOST_POINTS).contains(&corners.len()) {
         return Err(format!(
-            "fence: {} corners, 3 to {MOST_POINTS} are accepted",
+            "{field}: {} corners, 3 to {MOST_POINTS} are accepted",
             corners.len()
         ));
     }
     for (index, corner) in corners.iter().enumerate() {
-        coordinates(&format!("fence[{index}]"), *corner)?;
+        coordinates(&format!("{field}[{index}]"), *corner)?;
     }
     if let Some((one, other)) = polygon::crossing(corners) {
         return Err(format!(
-            "fence: the side from corner {one} meets the side from corner {other}, a fence without crossings is accepted"
+            "{field}: the side from corner {one} meets the side from corner {other}, a polygon without crossings is accepted"
         ));
     }
+    let least = if field == "fence" {
+        LEAST_FENCE
+    } else {
+        LEAST_OBSTACLE
+    };
     match polygon::area(corners).abs() {
-        area if area < 1.0 => Err(format!(
-            "fence: it encloses {area:.3} m2, 1 m2 or more is accepted"
+        area if area < least => Err(format!(
+            "{field}: it encloses {area:.4} m2, {least} m2 or more is accepted"
         )),
         _ => Ok(()),
     }
 }
 
-fn leg(leg: &Leg, before: Option<&Leg>, fence: &[Local]) -> Outcome {
+fn leg(leg: &Leg, before: Option<&Leg>, plan: &Plan) -> Outcome {
+    let fence = &plan.fence;
     if !(leg.speed > 0.0 && leg.speed <= FASTEST) {
         return Err(format!(
             "speed: {} m/s is out of range, it takes above 0 m/s to {FASTEST} m/s",
@@ -154,6 +173,14 @@ fn leg(leg: &Leg, before: Option<&Leg>, fence: &[Local]) -> Outcome {
             return Err(format!(
                 "{}: {point} is outside the fence, every point inside is accepted",
                 field(index)
+            ));
+        }
+        let inside = |obstacle: &Vec<Local>| polygon::holds(obstacle, *point, 0.0);
+        if let Some(obstacle) = plan.obstacles.iter().position(inside) {
+            return Err(format!(
+                "{}: {point} is inside obstacle {}, a point outside the obstacles is accepted",
+                field(index),
+                obstacle + 1
             ));
         }
     }

@@ -22,6 +22,8 @@ struct File {
     fence: Vec<Place>,
     origin: OriginTable,
     #[serde(default)]
+    obstacle: Vec<ObstacleTable>,
+    #[serde(default)]
     leg: Vec<Spanned<LegTable>>,
 }
 
@@ -32,6 +34,12 @@ struct OriginTable {
     longitude: Degrees,
     #[serde(default)]
     height: Length,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObstacleTable {
+    corners: Vec<Place>,
 }
 
 #[derive(serde::Deserialize)]
@@ -228,6 +236,21 @@ impl LegTable {
     }
 }
 
+/// A path such as `leg[0].from` with its leg or obstacle counted from 1, as people count.
+fn counted(path: &str) -> String {
+    let parts = path.split_once('[').and_then(|(table, rest)| {
+        let (number, field) = rest.split_once(']')?;
+        let known = ["leg", "obstacle"].contains(&table);
+        let number: usize = number.parse().ok().filter(|_| known)?;
+        Some((table, number + 1, field.trim_start_matches('.')))
+    });
+    match parts {
+        Some((table, number, "")) => format!("{table} {number}"),
+        Some((table, number, field)) => format!("{table} {number}, {field}"),
+        None => path.to_owned(),
+    }
+}
+
 fn error(place: &str, text: &str, span: Option<std::ops::Range<usize>>, what: &str) -> PlanError {
     let line = line(text, span.map_or(0, |span| span.start));
     PlanError {
@@ -248,7 +271,7 @@ pub(super) fn read(text: &str, place: &str) -> Result<Plan, PlanError> {
             .replace(".$__serde_spanned_private_value", "");
         let path = match path {
             path if path == "." || path == "?" => String::new(),
-            path => format!("{path}: "),
+            path => format!("{}: ", counted(&path)),
         };
         let inner = fault.inner();
         let what = format!("{path}{}", phrase(inner.message()));
@@ -281,6 +304,11 @@ pub(super) fn read(text: &str, place: &str) -> Result<Plan, PlanError> {
             .iter()
             .map(|corner| corner.local(&frame))
             .collect(),
+        obstacles: file
+            .obstacle
+            .iter()
+            .map(|table| table.corners.iter().map(|at| at.local(&frame)).collect())
+            .collect(),
         legs,
         end: match file.end {
             EndWord::Stop => End::Stop,
@@ -304,6 +332,13 @@ fn field_span(text: &str, what: &str) -> Option<std::ops::Range<usize>> {
     let key = ["origin.", "fence", "name", "width"]
         .iter()
         .any(|known| path.starts_with(known));
+    let obstacle = path
+        .strip_prefix("obstacle ")
+        .and_then(|number| number.split('[').next()?.parse::<usize>().ok());
+    if let Some(number) = obstacle {
+        let (at, table) = text.match_indices("[[obstacle]]").nth(number - 1)?;
+        return Some(at..at + table.len());
+    }
     let mut at = 0;
     for row in text.split_inclusive('\n') {
         let begins = row.trim_start().starts_with(if path.starts_with("fence") {
@@ -363,6 +398,10 @@ pub(super) fn write(plan: &Plan) -> String {
         quantity(place.longitude, "deg"),
         quantity(height, "m")
     );
+    for obstacle in &plan.obstacles {
+        out.push_str("\n[[obstacle]]\n");
+        list(&mut out, "corners", obstacle);
+    }
     for leg in &plan.legs {
         out.push_str("\n[[leg]]\n");
         match &leg.shape {

@@ -11,7 +11,10 @@ use std::fmt;
 
 use crate::place::{Frame, Local, Origin};
 
-pub use check::{FASTEST, GAP, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST, WIDEST};
+pub use check::{
+    FASTEST, GAP, LEAST_FENCE, LEAST_OBSTACLE, LONGEST_NAME, MOST_LEGS, MOST_POINTS, SHORTEST,
+    WIDEST,
+};
 
 /// A mission: legs in driving order, inside a fence.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +28,8 @@ pub struct Plan {
     /// Corners of the polygon that the vehicle must not leave, without the first one again at the end. Empty without a
     /// fence.
     pub fence: Vec<Local>,
+    /// Polygons that the vehicle must stay out of, each without its first corner again at the end.
+    pub obstacles: Vec<Vec<Local>>,
     /// The legs in driving order, at least one.
     pub legs: Vec<Leg>,
     /// Stop or repeat after the last leg.
@@ -164,6 +169,7 @@ impl Plan {
             origin,
             width: None,
             fence: Vec::new(),
+            obstacles: Vec::new(),
             legs,
             end: End::Stop,
         })
@@ -196,7 +202,7 @@ impl Plan {
     }
 
     /// Checks the ranges of all values: names, coordinates, speeds, lengths and the numbers of legs and points; that legs
-    /// which continue meet to [`GAP`]; that the fence is a simple polygon with all points of the legs in it. It does not know the
+    /// which continue meet to [`GAP`]; that the fence is a simple polygon with all points of the legs in it, and the obstacles are simple polygons without any. It does not know the
     /// vehicle, so curvatures are not checked.
     ///
     /// # Errors
@@ -218,7 +224,8 @@ pub struct Problem {
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.leg {
-            Some(leg) => write!(f, "leg[{leg}].{}", self.what),
+            // People count from 1.
+            Some(leg) => write!(f, "leg {}, {}", leg + 1, self.what),
             None => f.write_str(&self.what),
         }
     }

@@ -10,7 +10,7 @@
 //! | `Boundary.txt` | `$Boundary`; for each ring up to two flags `True`/`False`, the number of points, then `easting,northing,heading`. The first ring is the field; the first flag of a further one says that it may be driven through |
 //! | `ABLines.txt` | `name,heading in degrees,easting,northing` of a point on the line |
 //! | `CurveLines.txt` | `$CurveLines`; for each curve its name, mean heading in radians, number of points, `easting,northing,heading` |
-//! | `TrackLines.txt` | `$TrackLines`; for each track its name, heading in radians, `easting,northing` of A and of B, nudge (m, to the right), mode, `True`/`False` for visible, number of points, the points. Mode 2 is a line, 4 a curve, 8, 16 and 32 curves along a boundary, 64 a pivot. `$TwolTracks` has two more lines for each track |
+//! | `TrackLines.txt` | `$TrackLines`; for each track its name, heading in radians, `easting,northing` of A and of B, nudge (m, to the right), mode, `True`/`False` for visible (the others are left out), number of points, the points. Mode 2 is a line, 4 a curve, 8, 16 and 32 curves along a boundary, 64 a pivot. `$TwolTracks` has two more lines for each track |
 //!
 //! Its plane is not the tangent plane: degrees are multiplied by the lengths of a degree (`LocalPlane.cs`), that of longitude at the
 //! latitude of the point. The readers undo just that, so a place is where AgOpenGPS had it on the earth.
@@ -81,11 +81,12 @@ pub fn read(files: &Files) -> Result<Drawing, ReadError> {
     if let Some(text) = files.boundary {
         field.boundary(&mut Lines::new(text, "Boundary.txt"));
     }
-    let before = field.drawing.shapes.len();
+    let parts = |drawing: &Drawing| drawing.shapes.len() + drawing.skipped.len();
+    let before = parts(&field.drawing);
     if let Some(text) = files.track_lines {
         field.tracks(&mut Lines::new(text, "TrackLines.txt"));
     }
-    if field.drawing.shapes.len() == before {
+    if parts(&field.drawing) == before {
         if let Some(text) = files.ab_lines {
             field.ab_lines(text);
         }
@@ -315,10 +316,7 @@ impl Field {
                 _ => None,
             };
             match places {
-                Some((from, to)) => {
-                    self.drawing
-                        .add_line(Some(name), Role::Guidance, vec![from, to])
-                }
+                Some((from, to)) => self.drawing.add_directed(Some(name), from, to),
                 None => self
                     .drawing
                     .skip("a line of ABLines.txt that is none", Some(index + 1)),
@@ -361,9 +359,14 @@ impl Field {
             return Err(Cut);
         };
         let mode: u32 = lines.next().and_then(|line| line.parse().ok()).ok_or(Cut)?;
-        lines.next().ok_or(Cut)?;
+        let visible = lines.next().ok_or(Cut)?;
         let count = lines.count().ok_or(Cut)?;
         let points = self.points(lines, count)?;
+        if visible.eq_ignore_ascii_case("false") {
+            self.drawing
+                .skip("a track that is switched off", Some(lines.number));
+            return Ok(());
+        }
         let (a, b) = (Local::new(*a_north, *a_east), Local::new(*b_north, *b_east));
         let points = match mode {
             2 => {

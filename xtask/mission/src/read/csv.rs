@@ -1,10 +1,10 @@
 //! Tables of points: CSV and its relatives.
 //!
-//! The first line with text has the headings. Columns are found by them, in any order and case, with or without a unit in brackets:
+//! The first line with text has the headings; before it, `sep=;` may name the separator, as spreadsheets write it. Columns are found by them, in any order and case, with or without a unit in brackets:
 //! latitude (`latitude`, `lat`) and longitude (`longitude`, `lon`, `lng`, `long`) in degrees, or north (`north`, `northing`) and east (`east`,
 //! `easting`) in metres; a column `name`, `line`, `track` or `id` tells shapes apart, and so does an empty line. Fields are separated by comma,
 //! semicolon or tab, whichever the headings have most of; unless that is the comma, numbers may have a decimal comma, and with
-//! quotes always. A shape whose last point is its first one is a boundary, any other one a line. Other columns are not looked at.
+//! quotes always. A shape of three points or more whose first point stands again at its end is a boundary, any other one a line. Other columns are not looked at.
 
 use super::{Drawing, ReadError, Role};
 use crate::place::{FARTHEST, Frame, Geodetic, Local};
@@ -22,12 +22,24 @@ struct Columns {
 /// # Errors
 /// [`ReadError`] if columns or frame are missing, or no row can be used.
 pub fn read(text: &str, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
-    let before = text
-        .lines()
-        .take_while(|line| line.trim().is_empty())
-        .count();
-    let head = text.lines().nth(before).unwrap_or_default();
-    let separator = separator(head);
+    let empty = |text: &str| {
+        let lines = text.lines();
+        lines.take_while(|line| line.trim().is_empty()).count()
+    };
+    let mut before = empty(text);
+    let mut head = text.lines().nth(before).unwrap_or_default();
+    let named = named_separator(head);
+    // What stands before the headings, so that lines are counted from the file's first one.
+    let mut blank = String::new();
+    if named.is_some() {
+        let rest = text.split_inclusive('\n').skip(before + 1);
+        blank.extend(std::iter::repeat_n('\n', before + 1));
+        blank.extend(rest);
+        before = empty(&blank);
+        head = blank.lines().nth(before).unwrap_or_default();
+    }
+    let text = if named.is_some() { &blank } else { text };
+    let separator = named.unwrap_or_else(|| separator(head));
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(separator)
         .has_headers(false)
@@ -41,7 +53,7 @@ pub fn read(text: &str, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
     let columns = columns(&headings)?;
     let Some(frame) = frame.or(if columns.metres { None } else { Some(&EARTH) }) else {
         return Err(ReadError::new(
-            "its columns are metres north and east, so the latitude and longitude of their origin are needed",
+            "its columns are metres north and east, so the latitude and longitude of their origin are needed: --origin LATITUDE,LONGITUDE",
         ));
     };
     let mut table = Table {
@@ -74,6 +86,15 @@ fn line(row: &::csv::StringRecord, text: &str) -> usize {
 static EARTH: std::sync::LazyLock<Frame> =
     std::sync::LazyLock::new(|| Frame::new(crate::place::Origin::default()));
 
+/// The separator that a first line such as `sep=;` names.
+fn named_separator(line: &str) -> Option<u8> {
+    let line = line.trim_matches(['"', ' ', '\r']).to_lowercase();
+    match line.strip_prefix("sep=")?.as_bytes() {
+        [one @ (b',' | b';' | b'\t')] => Some(*one),
+        _ => None,
+    }
+}
+
 /// The separator of which the headings have most.
 fn separator(head: &str) -> u8 {
     let count = |byte: u8| head.bytes().filter(|other| *other == byte).count();
@@ -94,7 +115,41 @@ fn heading(text: &str) -> String {
     text
 }
 
+/// The unit in brackets of a heading, if it has one.
+fn unit(text: &str) -> Option<&str> {
+    let (_, rest) = text.split_once(['(', '['])?;
+    Some(rest.trim_end_matches([')', ']', ' ', '"']).trim())
+}
+
+/// Coordinates in another unit would be taken for metres or degrees.
+fn check_units(
+    headings: &::csv::StringRecord,
+    coordinates: (usize, usize),
+    metres: bool,
+) -> Result<(), ReadError> {
+    let (what, units): (_, &[&str]) = if metres {
+        ("metres", &["m", "metre", "metres", "meter", "meters"])
+    } else {
+        ("degrees", &["deg", "degree", "degrees", "\u{b0}"])
+    };
+    for text in
+        [coordinates.0, coordinates.1].map(|column| headings.get(column).unwrap_or_default())
+    {
+        if let Some(unit) = unit(text)
+            && !units.contains(&unit.to_lowercase().as_str())
+        {
+            return Err(ReadError::new(format!(
+                "the heading {:?}: {what} are accepted, with ({}) or without a unit",
+                text.trim(),
+                units[0]
+            )));
+        }
+    }
+    Ok(())
+}
+
 fn columns(headings: &::csv::StringRecord) -> Result<Columns, ReadError> {
+    let texts = headings;
     let headings: Vec<String> = headings.iter().map(heading).collect();
     let find = |names: &[&str]| {
         let mut names = names.iter();
@@ -115,6 +170,7 @@ fn columns(headings: &::csv::StringRecord) -> Result<Columns, ReadError> {
             )));
         }
     };
+    check_units(texts, coordinates, metres)?;
     Ok(Columns {
         coordinates,
         metres,

@@ -211,7 +211,7 @@ fn guidance(drawing: &mut Drawing, group: Option<&str>, pattern: Node) {
                 height: 0.0,
             });
             let to = frame.geodetic(Local::default().towards(heading.to_radians(), DIRECTED));
-            drawing.add_line(name, Role::Guidance, vec![*from, to]);
+            drawing.add_directed(name, *from, to);
         }
         (3, _) => drawing.add_line(name, Role::Guidance, places),
         (4, _) => drawing.skip("a pivot, which is no line", line(pattern)),

@@ -48,6 +48,8 @@ pub struct Named {
     pub role: Role,
     /// The shape.
     pub shape: Shape,
+    /// True if the file has only the beginning and the direction of a line: it is [`DIRECTED`] metres long then.
+    pub directed: bool,
 }
 
 /// Purpose of a shape.
@@ -164,7 +166,21 @@ impl Drawing {
             },
             str::to_owned,
         );
-        self.shapes.push(Named { name, role, shape });
+        self.shapes.push(Named {
+            name,
+            role,
+            shape,
+            directed: false,
+        });
+    }
+
+    /// A line of which the file has the beginning and the direction only.
+    fn add_directed(&mut self, name: Option<&str>, from: Geodetic, to: Geodetic) {
+        let count = self.shapes.len();
+        self.add_line(name, Role::Guidance, vec![from, to]);
+        for named in self.shapes.iter_mut().skip(count) {
+            named.directed = true;
+        }
     }
 
     /// A line or a curve through places; with fewer than two different ones it is skipped.
@@ -223,10 +239,21 @@ fn ring(mut places: Vec<Geodetic>) -> Option<Vec<Geodetic>> {
     (places.len() >= 3).then_some(places)
 }
 
-/// The text of a file: without a byte-order mark, and with replacement characters where it is no UTF-8 (names in old
-/// files).
+/// The text of a file: UTF-8, or UTF-16 with a byte-order mark; without that mark, and with replacement characters
+/// where it is neither (names in old files).
 #[must_use]
 pub fn text(bytes: &[u8]) -> String {
+    type Unit = fn([u8; 2]) -> u16;
+    let wide: Option<Unit> = match bytes {
+        [0xFF, 0xFE, ..] => Some(u16::from_le_bytes),
+        [0xFE, 0xFF, ..] => Some(u16::from_be_bytes),
+        _ => None,
+    };
+    if let Some(unit) = wide {
+        let (pairs, _) = bytes.as_chunks::<2>();
+        let units: Vec<u16> = pairs.iter().skip(1).map(|pair| unit(*pair)).collect();
+        return String::from_utf16_lossy(&units);
+    }
     let text = String::from_utf8_lossy(bytes);
     text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned()
 }

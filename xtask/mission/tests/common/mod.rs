@@ -39,33 +39,38 @@ pub(crate) fn plans() -> impl Strategy<Value = Plan> {
         },
     );
     let legs = prop::collection::vec((legs(), any::<bool>()), 1..8);
-    ("[^\\p{Cc}]{1,64}", origin, legs, any::<bool>()).prop_map(|(name, origin, legs, fenced)| {
-        let mut chained: Vec<Leg> = Vec::new();
-        for (mut leg, continues) in legs {
-            if let (true, Some(before)) = (continues, chained.last()) {
-                let begin = before.shape.ends().1;
-                leg.join = Join::Continue;
-                match &mut leg.shape {
-                    Shape::Line { from, .. } => *from = begin,
-                    Shape::Curve { points } => points[0] = begin,
+    let around = (any::<bool>(), 0..3_u8);
+    ("[^\\p{Cc}]{1,64}", origin, legs, around).prop_map(
+        |(name, origin, legs, (fenced, obstacles))| {
+            let mut chained: Vec<Leg> = Vec::new();
+            for (mut leg, continues) in legs {
+                if let (true, Some(before)) = (continues, chained.last()) {
+                    let begin = before.shape.ends().1;
+                    leg.join = Join::Continue;
+                    match &mut leg.shape {
+                        Shape::Line { from, .. } => *from = begin,
+                        Shape::Curve { points } => points[0] = begin,
+                    }
                 }
+                chained.push(leg);
             }
-            chained.push(leg);
-        }
-        let corner = |north, east| Local::new(north, east);
-        let fence = vec![
-            corner(-501.0, -500.5),
-            corner(500.1, -500.0),
-            corner(500.0, 500.0),
-            corner(-500.0, 500.0),
-        ];
-        Plan {
-            name,
-            origin,
-            width: fenced.then_some(0.1 + 3.0),
-            fence: if fenced { fence } else { Vec::new() },
-            legs: chained,
-            end: End::Stop,
-        }
-    })
+            let corner = |north, east| Local::new(north, east);
+            let obstacle = vec![corner(700.0, 0.0), corner(702.0, 0.0), corner(701.0, 1.5)];
+            let fence = vec![
+                corner(-501.0, -500.5),
+                corner(500.1, -500.0),
+                corner(500.0, 500.0),
+                corner(-500.0, 500.0),
+            ];
+            Plan {
+                name,
+                origin,
+                width: fenced.then_some(0.1 + 3.0),
+                fence: if fenced { fence } else { Vec::new() },
+                obstacles: vec![obstacle; usize::from(obstacles)],
+                legs: chained,
+                end: End::Stop,
+            }
+        },
+    )
 }

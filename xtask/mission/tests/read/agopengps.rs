@@ -70,7 +70,7 @@ Pivot
 0,0
 0
 64
-False
+True
 0
 ";
 
@@ -200,6 +200,17 @@ fn tracks_replace_the_older_files() {
     assert!(
         (from.longitude + 97.0 - 10.5 / DEGREE.1).abs() < 1e-8,
         "{from:?}"
+    );
+    let off = TRACKS.replacen("2\nTrue", "2\nFalse", 1);
+    let drawing = files(Files {
+        track_lines: Some(&off),
+        ab_lines: Some(AB_LINES),
+        ..Files::default()
+    });
+    assert_eq!(outline(&drawing), [("Cu 2", Role::Guidance, vec![3])]);
+    assert_eq!(
+        skipped(&drawing)[0],
+        "a track that is switched off (line 9)"
     );
     let empty = files(Files {
         track_lines: Some("$TrackLines\n"),

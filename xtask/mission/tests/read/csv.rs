@@ -103,10 +103,49 @@ fn hopeless_tables_are_refused_in_a_sentence() {
     assert!(refused("\"a\nb\",c\n1,2\n").starts_with("its headings are a b, c: "));
     assert_eq!(
         refused("north,east\n1,2\n3,4\n"),
-        "its columns are metres north and east, so the latitude and longitude of their origin are needed"
+        "its columns are metres north and east, so the latitude and longitude of their origin are needed: --origin LATITUDE,LONGITUDE"
     );
     assert_eq!(
         refused("lat,lon\n51,7\n"),
         "there is no line, curve or boundary in this CSV file; left out: a line of fewer than two places"
     );
+}
+
+/// 300 ft are not 300 m.
+#[test]
+fn coordinates_in_other_units_are_refused() {
+    let text = |unit: &str| format!("name,north{unit},east{unit}\na,0,0\na,300,0\na,300,200\n");
+    for unit in ["", " (m)", " [metres]", " (M)"] {
+        assert!(read(&text(unit), Some(&frame())).is_ok(), "{unit}");
+    }
+    assert_eq!(
+        read(&text(" (ft)"), Some(&frame()))
+            .unwrap_err()
+            .to_string(),
+        "the heading \"north (ft)\": metres are accepted, with (m) or without a unit"
+    );
+    assert!(read("lat (rad),lon (rad)\n0.8,0.1\n0.9,0.1\n", None).is_err());
+}
+
+#[test]
+fn a_spreadsheet_may_name_its_separator() {
+    let drawing = read("sep=;\nlat;lon\n51,5;7,25\n51,6;7,25\nx;y\n", None).unwrap();
+    let Shape::Line { from, .. } = &drawing.shapes[0].shape else {
+        panic!("{:?}", drawing.shapes);
+    };
+    assert_eq!((from.latitude, from.longitude), (51.5, 7.25));
+    assert_eq!(drawing.skipped[0].line, Some(5));
+}
+
+#[test]
+fn text_may_be_utf_16() {
+    let table = "lat,lon\n51.5,7.25\n";
+    for (mark, bytes) in [
+        ([0xFF, 0xFE], u16::to_le_bytes as fn(u16) -> [u8; 2]),
+        ([0xFE, 0xFF], u16::to_be_bytes),
+    ] {
+        let units = table.encode_utf16().flat_map(bytes);
+        let file: Vec<u8> = mark.into_iter().chain(units).collect();
+        assert_eq!(mission::read::text(&file), table);
+    }
 }

@@ -30,7 +30,7 @@ pub(super) const HEADINGS: [(&str, Align); 13] = [
 
 /// What the columns mean.
 pub(super) const LEGEND: &str = "every: least time between two releases, how many may come at once, or the number of releases in the bus's time table; \
-    bound: WCET as flashed; seen: longest time observed on the emulator; \
+    bound: WCET as flashed; seen: longest time observed on the emulator, with the slowest core that its manual allows; \
     ratio: bound over seen, as flashed and by the model of the emulator, which has no wait states; \
     blocked: longest critical section of a lower priority; \
     response: worst-case response time of the job with the least slack; \

@@ -14,7 +14,7 @@ use crate::graph::{Block, Graph, conditional};
 use crate::instruction::{Flow, Instruction, SEMIHOSTING};
 use crate::layout::STACK;
 use crate::mask::{Level, Masked};
-use crate::register::{Register, RegisterSet};
+use crate::register::{Register, Results};
 use crate::stack::sets_main_stack;
 use crate::state::State;
 use crate::value::Value;
@@ -202,7 +202,7 @@ impl Run<'_, '_> {
         self.run_on(state, instruction.address);
         self.run_on(state, instruction.address + instruction.size - 1);
         if skipped {
-            state.written = RegisterSet::NONE;
+            state.left = Results::NONE;
             state.spend(self.timings.cycles(|timing| timing.skipped()));
         }
     }
@@ -232,7 +232,7 @@ impl Run<'_, '_> {
         let started = state.started;
         let effects = self.executor.execute(state, instruction);
         let cycles = self.cost(state, instruction, &effects);
-        state.written = instruction.written();
+        state.left = instruction.results();
         // Interrupts are masked from reset until start-up lets the first task run. That stretch
         // delays no task, so it is not recorded as a critical section.
         if started {
@@ -284,7 +284,7 @@ impl Run<'_, '_> {
         let access = effects.access.as_ref();
         let mut cycles = self
             .timings
-            .cycles(|timing| timing.instruction(instruction, access, state.written));
+            .cycles(|timing| timing.instruction(instruction, access, state.left));
         let reads = self.timings.flashed.reads();
         let read = access.filter(|access| access.load).zip(reads);
         let settled = read.and_then(|(access, reads)| {
@@ -354,7 +354,6 @@ impl Run<'_, '_> {
         // The line may come before the pipeline is filled or behind it: what is read ahead has no part
         // of that time for certain.
         state.wait(cycles);
-        state.written = RegisterSet::ALL;
     }
 }
 

@@ -3,6 +3,7 @@
 use rsemu::cpu::arm::v7m::fpisa::{FpInsn, UnaryOp};
 
 use crate::flags::Flags;
+use crate::instruction::computed;
 use crate::register::Register;
 use crate::value::Value;
 
@@ -43,15 +44,11 @@ impl Step<'_, '_> {
                 }
             }
             FpInsn::Mem { .. } | FpInsn::Multi { .. } => self.transfer_floats(insn),
-            FpInsn::Data { d, .. }
-            | FpInsn::Unary { d, .. }
-            | FpInsn::CvtInt { d, .. }
-            | FpInsn::CvtMode { d, .. }
-            | FpInsn::RintMode { d, .. }
-            | FpInsn::CvtFixed { d, .. }
-            | FpInsn::CvtHalf { d, .. }
-            | FpInsn::Sel { d, .. } => self.state.set_float(index(d), Value::ANY),
-            FpInsn::Cmp { .. } => {}
+            computes => {
+                if let Some(d) = computed(computes) {
+                    self.state.set_float(index(d), Value::ANY);
+                }
+            }
         }
     }
 

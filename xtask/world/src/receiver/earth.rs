@@ -1,6 +1,6 @@
 //! The shape of the earth (WGS 84, NIMA TR8350.2), as needed for a receiver's output.
 
-use libm::{cos, sin, sqrt};
+use libm::{atan2, cos, hypot, sin, sqrt};
 
 /// Semi-major axis, metres.
 const MAJOR: f64 = 6_378_137.0;
@@ -23,23 +23,33 @@ fn normal(latitude: f64) -> f64 {
     MAJOR / sqrt(1.0 - ECCENTRICITY * sin(latitude) * sin(latitude))
 }
 
-/// Radius of curvature along the meridian.
-fn meridian(latitude: f64) -> f64 {
-    let n = normal(latitude) / MAJOR;
-    MAJOR * (1.0 - ECCENTRICITY) * n * n * n
-}
-
 impl Geodetic {
-    /// The position `north`, `east`, `down` metres from here, in the plane tangent to the
-    /// ellipsoid. Within a kilometre the error is at most a decimetre in height and 0.1 mm
-    /// horizontally.
+    /// The position `north`, `east`, `down` metres from here, in the plane that touches the ellipsoid at this latitude
+    /// and longitude.
     #[must_use]
-    pub fn offset(self, [north, east, down]: [f64; 3]) -> Self {
+    pub fn offset(self, vector: [f64; 3]) -> Self {
+        let ([x, y, z], [dx, dy, dz]) = (self.ecef(), self.rotate(vector));
+        Self::from_ecef([x + dx, y + dy, z + dz])
+    }
+
+    /// The position with these earth-centred, earth-fixed coordinates, metres (B. R. Bowring, "Transformation from spatial
+    /// to geographical coordinates", Survey Review, 1976). Up to 10 km above the ellipsoid its error is below a micrometre.
+    #[must_use]
+    pub fn from_ecef([x, y, z]: [f64; 3]) -> Self {
+        let minor = MAJOR * sqrt(1.0 - ECCENTRICITY);
+        let across = hypot(x, y);
+        let reduced = atan2(z * MAJOR, across * minor);
+        let (s, c) = (sin(reduced), cos(reduced));
+        let second = ECCENTRICITY / (1.0 - ECCENTRICITY);
+        let latitude = atan2(
+            z + second * minor * s * s * s,
+            across - ECCENTRICITY * MAJOR * c * c * c,
+        );
+        let (s, c) = (sin(latitude), cos(latitude));
         Self {
-            latitude: self.latitude + north / (meridian(self.latitude) + self.height),
-            longitude: self.longitude
-                + east / ((normal(self.latitude) + self.height) * cos(self.latitude)),
-            height: self.height - down,
+            latitude,
+            longitude: atan2(y, x),
+            height: across * c + z * s - MAJOR * sqrt(1.0 - ECCENTRICITY * s * s),
         }
     }
 
@@ -88,17 +98,23 @@ mod tests {
         );
     }
 
+    /// Before, 1 km north and east at this place was 68 and 135 mm off.
     #[test]
-    fn a_short_offset_agrees_with_the_rotated_vector() {
-        let base = Geodetic {
-            latitude: 0.713,
-            longitude: -1.687,
-            height: 350.0,
-        };
-        let vector = [100.0, -40.0, 2.0];
-        let moved = base.offset(vector).ecef();
-        for ((to, from), step) in moved.iter().zip(base.ecef()).zip(base.rotate(vector)) {
-            assert!((to - from - step).abs() < 2e-3, "{to} {from} {step}");
+    fn an_offset_agrees_with_the_rotated_vector() {
+        for (latitude, vector) in [
+            (0.713, [100.0, -40.0, 2.0]),
+            (0.712_618_5, [1000.0, 1000.0, -1.2]),
+            (-1.2, [-3000.0, 500.0, 40.0]),
+        ] {
+            let base = Geodetic {
+                latitude,
+                longitude: -1.687,
+                height: 350.0,
+            };
+            let moved = base.offset(vector).ecef();
+            for ((to, from), step) in moved.iter().zip(base.ecef()).zip(base.rotate(vector)) {
+                assert!((to - from - step).abs() < 1e-6, "{to} {from} {step}");
+            }
         }
     }
 }

@@ -120,16 +120,29 @@ impl Cycle<'_> {
         }
     }
 
-    /// The complete frames of exclusive messages that are in none of their windows.
-    fn misplaced(&self, exclusive: &[&Window]) -> usize {
-        let placed = |frame: &FrameRecord| {
-            let mut windows = exclusive.iter();
-            windows.any(|window| self.start_in(window, frame).is_some())
+    /// Whether a frame starts in an arbitrating window, no earlier than its sender's clock may be ahead.
+    fn starts_in_arbitrating(&self, window: &Window, frame: &FrameRecord) -> bool {
+        let begin = after(self.reference.start, window.start);
+        let length = span_seconds(window.length) * 1e6;
+        let offset = micros_between(begin, frame.start);
+        self.has(window) && (-UNCERTAINTY..length).contains(&offset)
+    }
+
+    /// The complete frames of messages with a window that are in none of theirs. What goes into an arbitrating window may
+    /// be tried again in any other one.
+    fn misplaced(&self, run: &Run) -> usize {
+        let placed = |frame: &&FrameRecord| {
+            let arbitrating = is_of(run, frame.id, WindowKind::Arbitrating);
+            let mut windows = run.windows.iter();
+            windows.any(|window| match window.kind {
+                WindowKind::Reference => false,
+                WindowKind::Exclusive => self.start_in(window, frame).is_some(),
+                WindowKind::Arbitrating => arbitrating && self.starts_in_arbitrating(window, frame),
+            })
         };
-        let ids = |id: u16| exclusive.iter().any(|window| window.id == id);
         let frames = self.frames.iter();
-        let mine = frames.filter(|frame| frame.is_message() && ids(frame.id));
-        mine.filter(|frame| !placed(frame)).count()
+        let known = frames.filter(|frame| frame.is_message() && has_window(run, frame.id));
+        known.filter(|frame| !placed(frame)).count()
     }
 }
 
@@ -220,7 +233,7 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         .filter(|window| window.kind == WindowKind::Exclusive)
         .collect();
     exclusive.sort_by_key(|window| window.start);
-    let misplaced: usize = cycles.iter().map(|cycle| cycle.misplaced(&exclusive)).sum();
+    let misplaced: usize = cycles.iter().map(|cycle| cycle.misplaced(run)).sum();
     let mut outside = misplaced as u64;
     let mut windows = Vec::new();
     let mut extremes: Vec<(f64, f64, u16)> = Vec::new();
@@ -246,14 +259,14 @@ pub(super) fn figures(run: &Run) -> BusFigures {
             latest_start_us: latest.map(|us| rounded(us, 3)),
         });
     }
-    // Frames of exclusive windows outside all cycles, when the reference is missing.
+    // Frames outside all cycles, when the reference is missing.
     let in_cycles: u64 = cycles
         .iter()
         .flat_map(|cycle| cycle.frames)
-        .filter(|frame| frame.is_message() && is_exclusive(run, frame.id))
+        .filter(|frame| frame.is_message() && has_window(run, frame.id))
         .count() as u64;
     let all = complete()
-        .filter(|frame| !frame.remote && is_exclusive(run, frame.id))
+        .filter(|frame| !frame.remote && has_window(run, frame.id))
         .count() as u64;
     outside += all - in_cycles;
 
@@ -383,8 +396,15 @@ fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
     }
 }
 
-fn is_exclusive(run: &Run, id: u16) -> bool {
-    run.windows
-        .iter()
-        .any(|window| window.id == id && window.kind == WindowKind::Exclusive)
+fn is_of(run: &Run, id: u16, kind: WindowKind) -> bool {
+    let mut windows = run.windows.iter();
+    windows.any(|window| window.id == id && window.kind == kind)
+}
+
+/// Whether a message must keep to a window. On a bus without references none must.
+fn has_window(run: &Run, id: u16) -> bool {
+    let mut windows = run.windows.iter();
+    is_of(run, id, WindowKind::Exclusive)
+        || is_of(run, id, WindowKind::Arbitrating)
+            && windows.any(|window| window.kind == WindowKind::Reference)
 }

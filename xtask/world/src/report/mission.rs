@@ -92,6 +92,19 @@ pub struct SectionSwitch {
     pub on: bool,
 }
 
+/// How an autonomous run ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunEnd {
+    /// When.
+    pub at_seconds: f64,
+    /// The mode that followed.
+    pub mode: String,
+    /// Why, as the vehicle tells it; `null` if it does not.
+    pub reason: Option<String>,
+    /// Whether it ended because the vehicle had come to the end of its path, as far as it tells why.
+    pub arrived: bool,
+}
+
 /// What is known of a mission in a run.
 #[derive(Clone, Copy, Debug)]
 pub struct MissionRun<'a> {
@@ -103,6 +116,8 @@ pub struct MissionRun<'a> {
     pub located: &'a [Located],
     /// What the implement did, in order of time.
     pub switches: &'a [SectionSwitch],
+    /// How the autonomous runs ended that did, in order of time.
+    pub ended: &'a [RunEnd],
     /// Width of the implement, m, if it is known. The sections that the mission uses share it from left to right.
     pub width: Option<f64>,
     /// From the rear axle to the point of the states, m.
@@ -123,11 +138,14 @@ impl MissionRun<'_> {
 pub struct MissionFigures {
     /// Whether the vehicle came to its end.
     pub finished: bool,
+    /// What ended the last run before that; `null` if nothing did.
+    pub ended: Option<RunEnd>,
     /// From the first motion on the path to its end or the run's.
     pub time_seconds: f64,
     /// Way along the path.
     pub way_m: f64,
-    /// How often the vehicle stood on the way, other than where it changes its direction.
+    /// How often the vehicle stood on the way, other than where it changes its direction, and how many runs something else
+    /// ended than the end of the mission.
     pub stops: usize,
     /// Mean size of the cross-track error on legs.
     pub mean_cm: Option<f64>,
@@ -318,7 +336,12 @@ impl<'a> Drive<'a> {
         let end = self.mission.length();
         let reached = self.followed().map(|(_, located, _)| located.along);
         let reached = reached.fold(0.0, f64::max);
-        let finished = self.mission.ends && reached >= end - ARRIVED;
+        let ended = self.mission.ended;
+        let goes_on = autonomous_spans(self.run).len() > ended.len();
+        let finished = self.mission.ends
+            && reached >= end - ARRIVED
+            // A vehicle that is stopped beside its path, or beyond it, has not come to its end.
+            && (ended.is_empty() || goes_on || ended.iter().any(|run| run.arrived));
         let first = self.moving().next().map(|(state, ..)| seconds(state.at));
         let arrived = self.moving().last().map(|(state, ..)| seconds(state.at));
         let (borders, extra) = self.borders(reached);
@@ -330,9 +353,10 @@ impl<'a> Drive<'a> {
         let switched = borders.iter().filter_map(|border| border.behind);
         MissionFigures {
             finished,
+            ended: ended.last().filter(|_| !finished && !goes_on).cloned(),
             time_seconds: rounded(arrived.zip(first).map_or(0.0, |(to, from)| to - from), 3),
             way_m: rounded(reached, 3),
-            stops: self.stops(finished.then_some(end)),
+            stops: self.stops(self.mission.ends.then_some(end)),
             mean_cm: legs.figure(Errors::mean_cm),
             deviation_cm: legs.figure(Errors::deviation_cm),
             largest_cm: legs.figure(|all| cm(all.largest)),
@@ -362,9 +386,9 @@ impl<'a> Drive<'a> {
                 counted = true;
             }
         }
-        let spans = autonomous_spans(self.run);
-        // A run that ends before its mission, and another one after it.
-        stops + spans.len().saturating_sub(1)
+        // Runs that end before their mission.
+        let ended = self.mission.ended.iter();
+        stops + ended.filter(|run| !run.arrived).count()
     }
 
     /// Whether the direction of travel changes near a place.

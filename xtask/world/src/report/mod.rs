@@ -40,8 +40,8 @@ pub use guidance::{BAND, approached, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
 pub use mission::{
-    CoverageFigures, LegFigures, Located, MissionFigures, MissionRun, Purpose, SectionFigures,
-    SectionSwitch, Stage, TurnFigures,
+    CoverageFigures, LegFigures, Located, MissionFigures, MissionRun, Purpose, RunEnd,
+    SectionFigures, SectionSwitch, Stage, TurnFigures,
 };
 pub use plot::Span;
 pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_states, rover_svg};

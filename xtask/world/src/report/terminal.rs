@@ -138,6 +138,15 @@ fn write_mission(t: &mut String, mission: &MissionFigures) -> core::fmt::Result 
         mission.time_seconds,
         counted(mission.stops as u64, "stop", "stops")
     )?;
+    if let Some(end) = &mission.ended {
+        let reason = end.reason.as_ref();
+        let reason = reason.map_or_else(String::new, |reason| format!(", reason {reason}"));
+        writeln!(
+            t,
+            "    its run ended at {:.1} s: mode {}{reason}",
+            end.at_seconds, end.mode
+        )?;
+    }
     let rows = [
         ("legs, mean cross-track error", mission.mean_cm),
         ("legs, standard deviation", mission.deviation_cm),

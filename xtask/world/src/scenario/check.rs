@@ -509,8 +509,11 @@ fn faults(scenario: &Scenario) -> Outcome {
                 }
                 whole(&format!("{field}.count"), u64::from(*count), 1, 1000)?;
             }
-            BusEvent::Dominant { at, hold } => {
+            BusEvent::Dominant { at, id, hold } => {
                 within(&format!("{field}.at"), *at, times())?;
+                if let Some(id) = id {
+                    whole(&format!("{field}.id"), u64::from(*id), 0, 2047)?;
+                }
                 let holds = above(Time::new(0.0), Time::new(1.0));
                 within(&format!("{field}.hold"), *hold, holds)?;
             }

@@ -268,6 +268,8 @@ pub enum BusEvent {
     Dominant {
         /// When.
         at: Time,
+        /// From the middle of the next frame with this identifier on; at once if left out.
+        id: Option<u16>,
         /// How long, above 0 to 1 s.
         hold: Time,
     },

@@ -165,7 +165,10 @@ fn on_the_bus(it: &BusEvent) -> Told {
                 count => format!("{count} frames{which} are disturbed"),
             }
         }
-        BusEvent::Dominant { hold, .. } => format!("bus held dominant for {hold}"),
+        BusEvent::Dominant { id: None, hold, .. } => format!("bus held dominant for {hold}"),
+        BusEvent::Dominant {
+            id: Some(id), hold, ..
+        } => format!("bus held dominant for {hold} in the next frame of {id}"),
     };
     (it.at(), words)
 }

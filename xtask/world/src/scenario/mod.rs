@@ -14,6 +14,7 @@ mod happening;
 mod rover;
 mod row;
 
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -282,9 +283,16 @@ pub struct Listed {
     pub summary: Result<String, ScenarioError>,
 }
 
-/// The folder of a vehicle's scenarios.
-fn folder(vehicle: &Vehicle) -> PathBuf {
-    vehicle.folder().join("scenarios")
+/// The folder of scenarios in a vehicle's folder.
+const SCENARIOS: &str = "scenarios";
+
+/// The folders of a vehicle's scenarios. A variant has its own before those of the other vehicle.
+fn folders(vehicle: &Vehicle) -> Vec<PathBuf> {
+    let mut all = vec![vehicle.folder(), vehicle.crate_folder()];
+    all.dedup();
+    all.into_iter()
+        .map(|folder| folder.join(SCENARIOS))
+        .collect()
 }
 
 /// Names of the scenario files in a folder, and of the folders in it.
@@ -320,37 +328,47 @@ fn beside(vehicle: &Vehicle, name: &str) -> Vec<String> {
 
 /// Names of the vehicle's scenarios, in alphabetical order, those in folders behind the others.
 fn names(vehicle: &Vehicle) -> Vec<String> {
-    let all = folder(vehicle);
-    let (mut names, folders) = contents(&all);
-    for folder in folders {
-        let (files, _) = contents(&all.join(&folder));
-        names.extend(files.into_iter().map(|file| format!("{folder}/{file}")));
+    let (mut names, mut inside) = (BTreeSet::new(), BTreeSet::new());
+    for all in folders(vehicle) {
+        let (files, folders) = contents(&all);
+        names.extend(files);
+        for folder in folders {
+            let (files, _) = contents(&all.join(&folder));
+            inside.extend(files.into_iter().map(|file| (folder.clone(), file)));
+        }
     }
-    names
+    let inside = inside.into_iter();
+    let inside = inside.map(|(folder, file)| format!("{folder}/{file}"));
+    names.into_iter().chain(inside).collect()
 }
 
 /// Names of the other vehicles beside this one that have a scenario of this name.
 fn others(vehicle: &Vehicle, name: &str) -> Vec<String> {
-    let Some(vehicles) = vehicle.folder().parent() else {
+    let Some(vehicles) = vehicle.crate_folder().parent() else {
         return Vec::new();
     };
     // A folder that cannot be read has none.
-    let mut others = Vehicle::names(vehicles).unwrap_or_default();
+    let mut others = Vehicle::folders(vehicles).unwrap_or_default();
     let file = format!("{name}.toml");
-    others.retain(|other| vehicles.join(other).join("scenarios").join(&file).is_file());
-    others
+    others.retain(|_, folder| folder.join(SCENARIOS).join(&file).is_file());
+    others.into_keys().collect()
 }
 
 impl Scenario {
     /// The scenarios in the vehicle's folder, in alphabetical order, and behind them those in folders in
-    /// it. A file that is wrong does not hide the others.
+    /// it. A file that is wrong does not hide the others. A variant has those of the other vehicle that
+    /// fit it.
     #[must_use]
     pub fn list(vehicle: &Vehicle) -> Vec<Listed> {
         let read = |name: String| {
             let summary = Self::find(vehicle, &name).map(|scenario| scenario.summary);
             Listed { name, summary }
         };
-        names(vehicle).into_iter().map(read).collect()
+        let own = vehicle.folder().join(SCENARIOS);
+        let is_own = |name: &str| own.join(format!("{name}.toml")).is_file();
+        let mut all: Vec<Listed> = names(vehicle).into_iter().map(read).collect();
+        all.retain(|listed| listed.summary.is_ok() || is_own(&listed.name));
+        all
     }
 
     /// The vehicle's scenario of that name, or else the file with that path. A name such as
@@ -359,8 +377,9 @@ impl Scenario {
     /// # Errors
     /// When there is neither, or the file does not describe a scenario.
     pub fn find(vehicle: &Vehicle, name: &str) -> Result<Self, ScenarioError> {
-        let own = folder(vehicle).join(format!("{name}.toml"));
-        let own = Some(own).filter(|own| own.is_file());
+        let own = folders(vehicle).into_iter();
+        let own = own.map(|folder| folder.join(format!("{name}.toml")));
+        let own = own.into_iter().find(|own| own.is_file());
         let path = own.clone().unwrap_or_else(|| name.into());
         let looks_like_a_path =
             path.extension().is_some() || path.components().count() > 1 || path.exists();

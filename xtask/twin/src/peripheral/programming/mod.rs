@@ -5,6 +5,8 @@
 //! from the store that begins the operation. Operations take the longest time of the data sheet.
 
 mod changing;
+#[cfg(test)]
+mod chip;
 mod pages;
 mod sectors;
 

@@ -159,6 +159,7 @@ impl Pages {
 #[cfg(test)]
 mod tests {
     use super::super::changing::KEYS;
+    use super::super::chip::Chip;
     use super::*;
     use crate::part::Part;
 
@@ -167,91 +168,57 @@ mod tests {
     /// The first half-word of starts.
     const HERE: u32 = 0xE800;
 
-    struct Chip(Pages, LocalClock, Cycles);
+    fn chip() -> Chip {
+        Chip::new(Part::F303, 72)
+    }
 
-    impl Chip {
-        fn new() -> Self {
-            let flash = vec![0x5A; Part::F303.flash.size as usize];
-            let clock = LocalClock::new(72_000_000, 0, 0);
-            Self(Pages::new(Sled::carrying(Part::F303), &flash), clock, 0)
-        }
-
-        fn open(&mut self) {
-            for key in KEYS {
-                self.write(0x04, key);
-            }
-        }
-
-        fn write(&mut self, offset: u32, value: u32) {
-            self.0.write(offset, value, self.2, &self.1).unwrap();
-        }
-
-        fn store(&mut self, offset: u32, bytes: &[u8]) {
-            self.0.store(offset, bytes, self.2, &self.1);
-        }
-
-        /// Lets the operation end, and says how long it took, us.
-        fn end(&mut self) -> u64 {
-            let until = self.0.changing.end().unwrap();
-            let took = (until - self.2) / 72;
-            self.2 = until;
-            self.0.advance(until);
-            took
-        }
-
-        fn word(&self, offset: u32) -> u16 {
-            let bytes = self.0.changing.bytes(offset, 2).unwrap();
-            u16::from_le_bytes(bytes.try_into().unwrap())
-        }
-
-        fn status(&self) -> u32 {
-            self.0.read(SR).unwrap()
-        }
+    fn word(chip: &Chip, offset: u32) -> u16 {
+        u16::from_le_bytes(chip.at(offset))
     }
 
     #[test]
     fn a_page_is_erased_and_a_half_word_is_programmed() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.open();
         chip.write(CR, PER);
         chip.write(0x14, 0x0800_E800);
         chip.write(CR, PER | STRT);
         assert_eq!(chip.status(), BSY);
         assert_eq!(chip.end(), 40_000);
-        assert_eq!((chip.status(), chip.word(HERE)), (EOP, u16::MAX));
-        assert_eq!(chip.word(HERE + PAGE), 0x5A5A);
+        assert_eq!((chip.status(), word(&chip, HERE)), (EOP, u16::MAX));
+        assert_eq!(word(&chip, HERE + PAGE), 0x5A5A);
         chip.write(CR, PG);
         chip.write(SR, EOP);
         chip.store(HERE, &[0x34, 0x12]);
         assert_eq!(chip.end(), 60);
-        assert_eq!((chip.status(), chip.word(HERE)), (EOP, 0x1234));
+        assert_eq!((chip.status(), word(&chip, HERE)), (EOP, 0x1234));
         // What is not erased becomes zero, or stays.
         chip.store(HERE, &[0x34, 0x10]);
-        assert_eq!((chip.status(), chip.word(HERE)), (EOP | PGERR, 0x1234));
+        assert_eq!((chip.status(), word(&chip, HERE)), (EOP | PGERR, 0x1234));
         chip.store(HERE, &[0, 0]);
         chip.end();
-        assert_eq!(chip.word(HERE), 0);
+        assert_eq!(word(&chip, HERE), 0);
     }
 
     #[test]
     fn without_the_keys_or_beside_the_place_nothing_changes() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.write(CR, PG);
         chip.store(HERE, &[0; 2]);
-        assert_eq!((chip.status(), chip.0.read(CR)), (PGERR, Some(LOCK)));
+        assert_eq!((chip.status(), chip.flash.read(CR)), (PGERR, Some(LOCK)));
         chip.write(0x04, KEYS[1]);
         chip.open();
-        assert_eq!(chip.0.read(CR), Some(LOCK));
-        chip.0.reset();
+        assert_eq!(chip.flash.read(CR), Some(LOCK));
+        chip.flash.reset();
         chip.open();
         chip.write(CR, PG);
         chip.store(HERE + 2 * PAGE, &[0; 2]);
         assert_eq!(chip.status(), WRPRTERR);
         chip.store(HERE, &[0; 4]);
         assert_eq!(chip.status(), WRPRTERR | PGERR);
-        let refused = |chip: &mut Chip, cr| chip.0.write(CR, cr, 0, &chip.1.clone()).is_err();
+        let refused = |chip: &mut Chip, cr| chip.refuses(CR, cr);
         chip.write(0x14, 0x0800_0000);
         assert!(refused(&mut chip, PER | STRT) && refused(&mut chip, MER | STRT));
-        assert_eq!(chip.word(HERE), 0x5A5A);
+        assert_eq!(word(&chip, HERE), 0x5A5A);
     }
 }

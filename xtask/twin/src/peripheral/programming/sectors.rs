@@ -180,6 +180,7 @@ impl Sectors {
 #[cfg(test)]
 mod tests {
     use super::super::changing::KEYS;
+    use super::super::chip::Chip;
     use super::*;
     use crate::part::Part;
 
@@ -188,92 +189,58 @@ mod tests {
     /// The first word of missions.
     const HERE: u32 = 0x2_0000;
 
-    struct Chip(Sectors, LocalClock, Cycles);
+    fn chip() -> Chip {
+        Chip::new(Part::F446, 180)
+    }
 
-    impl Chip {
-        fn new() -> Self {
-            let flash = vec![0x5A; Part::F446.flash.size as usize];
-            let clock = LocalClock::new(180_000_000, 0, 0);
-            Self(Sectors::new(Sled::carrying(Part::F446), &flash), clock, 0)
-        }
-
-        fn open(&mut self) {
-            for key in KEYS {
-                self.write(0x04, key);
-            }
-        }
-
-        fn write(&mut self, offset: u32, value: u32) {
-            self.0.write(offset, value, self.2, &self.1).unwrap();
-        }
-
-        fn store(&mut self, offset: u32, bytes: &[u8]) {
-            self.0.store(offset, bytes, self.2, &self.1);
-        }
-
-        /// Lets the operation end, and says how long it took, us.
-        fn end(&mut self) -> u64 {
-            let until = self.0.changing.end().unwrap();
-            let took = (until - self.2) / 180;
-            self.2 = until;
-            self.0.advance(until);
-            took
-        }
-
-        fn word(&self, offset: u32) -> u32 {
-            let bytes = self.0.changing.bytes(offset, 4).unwrap();
-            u32::from_le_bytes(bytes.try_into().unwrap())
-        }
-
-        fn status(&self) -> u32 {
-            self.0.read(SR).unwrap()
-        }
+    fn word(chip: &Chip, offset: u32) -> u32 {
+        u32::from_le_bytes(chip.at(offset))
     }
 
     #[test]
     fn a_sector_is_erased_and_a_word_is_programmed() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.open();
         chip.write(CR, SER | 5 << 3 | 2 << 8);
         chip.write(CR, SER | 5 << 3 | 2 << 8 | STRT);
         assert_eq!(chip.status(), BSY);
-        assert!(!matches!(chip.word(HERE), 0x5A5A_5A5A | u32::MAX));
+        assert!(!matches!(word(&chip, HERE), 0x5A5A_5A5A | u32::MAX));
         assert_eq!(chip.end(), 2_000_000);
-        assert_eq!((chip.status(), chip.word(HERE)), (0, u32::MAX));
-        assert_eq!(chip.word(HERE + SECTOR), 0x5A5A_5A5A);
+        assert_eq!((chip.status(), word(&chip, HERE)), (0, u32::MAX));
+        assert_eq!(word(&chip, HERE + SECTOR), 0x5A5A_5A5A);
         chip.write(CR, PG | 2 << 8);
         chip.store(HERE, &0x1234_5678_u32.to_le_bytes());
         assert_eq!(chip.status(), BSY);
         assert_eq!(chip.end(), 100);
-        assert_eq!((chip.status(), chip.word(HERE)), (0, 0x1234_5678));
+        assert_eq!((chip.status(), word(&chip, HERE)), (0, 0x1234_5678));
         // A second time leaves what both have.
         chip.store(HERE, &0x0FF0_0FF0_u32.to_le_bytes());
         chip.end();
-        assert_eq!(chip.word(HERE), 0x1234_5678 & 0x0FF0_0FF0);
+        assert_eq!(word(&chip, HERE), 0x1234_5678 & 0x0FF0_0FF0);
     }
 
     #[test]
     fn without_the_keys_nothing_changes() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.write(CR, PG | 2 << 8);
         chip.store(HERE, &[0; 4]);
         assert_eq!(chip.status(), PGSERR);
-        assert_eq!(chip.0.read(CR), Some(LOCK));
+        assert_eq!(chip.flash.read(CR), Some(LOCK));
         chip.write(SR, PGSERR);
         assert_eq!(chip.status(), 0);
         // A wrong key bars it until a reset.
         chip.write(0x04, KEYS[1]);
         chip.open();
-        assert_eq!(chip.0.read(CR), Some(LOCK));
-        chip.0.reset();
+        assert_eq!(chip.flash.read(CR), Some(LOCK));
+        chip.flash.reset();
         chip.open();
-        assert_eq!(chip.0.read(CR), Some(0));
-        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+        assert_eq!(chip.flash.read(CR), Some(0));
+        assert_eq!(word(&chip, HERE), 0x5A5A_5A5A);
     }
 
     #[test]
     fn what_does_not_fit_its_settings_is_refused() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.open();
         chip.write(CR, PG);
         chip.store(HERE, &[0; 4]);
@@ -285,20 +252,23 @@ mod tests {
         assert_eq!(chip.status(), PGPERR | PGAERR | WRPERR);
         chip.write(CR, STRT);
         assert_eq!(chip.status() & PGSERR, PGSERR);
-        let refused = |chip: &mut Chip, cr| chip.0.write(CR, cr, 0, &chip.1.clone()).is_err();
+        let refused = |chip: &mut Chip, cr| chip.refuses(CR, cr);
         assert!(refused(&mut chip, SER | 7 << 3 | STRT) && refused(&mut chip, SER | STRT));
         assert!(refused(&mut chip, MER | STRT));
-        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+        assert_eq!(word(&chip, HERE), 0x5A5A_5A5A);
     }
 
     #[test]
     fn a_reset_leaves_what_was_running_half_done() {
-        let mut chip = Chip::new();
+        let mut chip = chip();
         chip.open();
         chip.write(CR, SER | 6 << 3 | 2 << 8 | STRT);
-        chip.0.reset();
-        assert_eq!((chip.status(), chip.0.changing.end()), (0, None));
-        assert!(!matches!(chip.word(HERE + SECTOR), 0x5A5A_5A5A | u32::MAX));
-        assert_eq!(chip.word(HERE), 0x5A5A_5A5A);
+        chip.flash.reset();
+        assert_eq!((chip.status(), chip.flash.changing().end()), (0, None));
+        assert!(!matches!(
+            word(&chip, HERE + SECTOR),
+            0x5A5A_5A5A | u32::MAX
+        ));
+        assert_eq!(word(&chip, HERE), 0x5A5A_5A5A);
     }
 }
