@@ -1,5 +1,7 @@
 //! `build`: builds the release images of the nodes, measures and audits them.
 
+mod inputs;
+
 use std::{
     fs, io,
     path::{Path, PathBuf},
@@ -16,6 +18,7 @@ use vehicle_model::{
 
 use crate::{
     Failure, ReadError, Workspace, audit,
+    build::inputs::Inputs,
     cli::Build,
     interrupt, seal,
     size::{self, Size},
@@ -210,7 +213,7 @@ pub(crate) fn with_features(
     Ok(cargo)
 }
 
-/// Runs a [`command`] that builds images.
+/// The images that a [`command`] builds: those that are there if they are made of the same, else it runs.
 ///
 /// # Errors
 ///
@@ -221,8 +224,62 @@ pub(crate) fn finish(
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Vec<Image>, Failure> {
-    cargo.arg("--message-format=json-render-diagnostics");
+    // Without them, cargo decides.
+    let inputs = Inputs::of(workspace, &cargo).ok();
+    let images = workspace.target().join(target::TRIPLE).join(IMAGES);
+    let there = images.join(folder_name(vehicle));
+    let name = |node: NodeIndex| vehicle.node(node).name.clone();
+    let image = |node, path| Image {
+        node,
+        name: name(node),
+        board: vehicle::board(vehicle, node),
+        path,
+    };
+    let made = || -> Option<Vec<Image>> {
+        let inputs = inputs.as_ref()?;
+        let made = |&node: &NodeIndex| inputs.made(&there, &name(node));
+        let images = nodes
+            .iter()
+            .map(|&node| image(node, there.join(name(node))));
+        nodes.iter().all(made).then(|| images.collect())
+    };
+    if let Some(images) = made() {
+        return Ok(images);
+    }
     let _alone = workspace.builds_alone();
+    // Another program may have built them meanwhile.
+    if let Some(images) = made() {
+        return Ok(images);
+    }
+    cargo.arg("--message-format=json-render-diagnostics");
+    let messages = messages(cargo)?.ok_or_else(|| Error::NotBuilt {
+        nodes: nodes.iter().map(|&node| name(node)).collect(),
+    })?;
+    let keep = |&node: &NodeIndex| {
+        let node_name = name(node);
+        let Some(built) = executable(&messages, &node_name) else {
+            return Err(Error::NoImage { node: node_name });
+        };
+        let folder = images_folder(&built).join(folder_name(vehicle));
+        let kept = keep(&built, &folder, &node_name).and_then(|path| {
+            if let Some(inputs) = &inputs {
+                inputs.keep(&folder, &node_name)?;
+            }
+            Ok(path)
+        });
+        let node_name = name(node);
+        let path = kept.map_err(|error| Error::NotKept {
+            node: node_name,
+            folder,
+            error,
+        })?;
+        Ok(image(node, path))
+    };
+    Ok(nodes.iter().map(keep).collect::<Result<Vec<_>, Error>>()?)
+}
+
+/// What a command of cargo prints; `None` if it does not succeed.
+fn messages(mut cargo: Command) -> Result<Option<String>, Error> {
     let cargo = cargo
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -234,53 +291,27 @@ pub(crate) fn finish(
     let output = cargo.wait_with_output().map_err(Error::NoCargo);
     interrupt::end_alone(pid);
     let output = output?;
-    if !output.status.success() {
-        let names = nodes.iter().map(|&node| vehicle.node(node).name.clone());
-        let nodes = names.collect();
-        return Err(Error::NotBuilt { nodes }.into());
-    }
-    let messages = String::from_utf8_lossy(&output.stdout);
-    nodes
-        .iter()
-        .map(|&node| {
-            let name = vehicle.node(node).name.clone();
-            let Some(built) = executable(&messages, &name) else {
-                return Err(Error::NoImage { node: name }.into());
-            };
-            let folder = folder(&built, vehicle);
-            match keep(&built, &folder, &name) {
-                Ok(path) => Ok(Image {
-                    node,
-                    name,
-                    board: vehicle::board(vehicle, node),
-                    path,
-                }),
-                Err(error) => Err(Error::NotKept {
-                    node: name,
-                    folder,
-                    error,
-                }
-                .into()),
-            }
-        })
-        .collect()
+    let succeeded = output.status.success();
+    Ok(succeeded.then(|| String::from_utf8_lossy(&output.stdout).into_owned()))
 }
 
-/// The folder of a vehicle's images, beside that in which cargo has `built` them. Cargo has one
-/// place for all vehicles, in which a node of the same name overwrites another vehicle's. Images of
-/// other values than the manifest's have a folder of their own.
-fn folder(built: &Path, vehicle: &Vehicle) -> PathBuf {
-    let name = match vehicle.overrides() {
+/// Name of the folder of all images, beside those in which cargo builds.
+const IMAGES: &str = "images";
+
+/// Name of the folder of a vehicle's images. Cargo has one place for all vehicles, in which a node
+/// of the same name overwrites another vehicle's. Images of other values than the manifest's have a
+/// folder of their own.
+fn folder_name(vehicle: &Vehicle) -> String {
+    match vehicle.overrides() {
         none if none.is_empty() => vehicle.name().into(),
         overrides => format!("{}+{}", vehicle.name(), overrides.folder_name()),
-    };
-    images_folder(built).join(name)
+    }
 }
 
 /// The folder of all images, beside that in which cargo has `built` one.
 pub(crate) fn images_folder(built: &Path) -> PathBuf {
     let target = built.ancestors().nth(2).unwrap_or(built);
-    target.join("images")
+    target.join(IMAGES)
 }
 
 /// Copies an image into a folder, and seals it for its self-test. Nobody there sees half of it.
@@ -338,17 +369,16 @@ mod tests {
         };
         let keep = |name: &str, behind: usize| {
             fs::write(&built, image(behind)).unwrap();
-            let folder = folder(&built, &vehicle::find(&workspace, name).unwrap());
+            let vehicle = vehicle::find(&workspace, name).unwrap();
+            let folder = images_folder(&built).join(folder_name(&vehicle));
             super::keep(&built, &folder, "gps").unwrap()
         };
         let (one, other) = (keep("uagv", 1), keep("two-boards", 2));
         let event = Overrides::default().on(Protocol::EventTriggered);
         let event = vehicle::with(&workspace, "two-boards", &event).unwrap();
         assert_eq!(
-            folder(&built, &event),
-            target
-                .path()
-                .join("images/two-boards+bus.protocol=event-triggered")
+            folder_name(&event),
+            "two-boards+bus.protocol=event-triggered"
         );
         assert_eq!(one, target.path().join("images/uagv/gps"));
         assert_eq!(fs::read(&one).unwrap(), image(1));

@@ -94,13 +94,18 @@ impl Workspace {
     /// for images of one name, so that theirs could replace one before it is copied from there. On a
     /// file system without locks it keeps nobody.
     pub(crate) fn builds_alone(&self) -> Option<File> {
-        let target = self.target.clone();
-        let target = target.or_else(|| env::var_os("CARGO_TARGET_DIR").map(PathBuf::from));
-        let target = self.root.join(target.unwrap_or_else(|| "target".into()));
+        let target = self.target();
         fs::create_dir_all(&target).ok()?;
         let file = File::create(target.join(".images-lock")).ok()?;
         file.lock().ok()?;
         Some(file)
+    }
+
+    /// Where cargo builds, unless its own settings say another place.
+    pub(crate) fn target(&self) -> PathBuf {
+        let target = self.target.clone();
+        let target = target.or_else(|| env::var_os("CARGO_TARGET_DIR").map(PathBuf::from));
+        self.root.join(target.unwrap_or_else(|| "target".into()))
     }
 
     /// Cargo, to be run in the workspace.

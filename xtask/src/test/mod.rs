@@ -42,42 +42,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     }
     let steps = steps(workspace, options)?;
     if options.list {
-        for step in &steps {
-            println!("{}", step.name);
-            match &step.work {
-                Work::Commands(commands) => {
-                    for command in commands {
-                        println!("    {}", typed(command));
-                    }
-                }
-                Work::Tests { cargo, long } => {
-                    let slow = if *long { " -- --include-ignored" } else { "" };
-                    println!("    {}{slow}", typed(cargo));
-                }
-                Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
-                Work::Attacks(count) => {
-                    println!("    cargo xtask sim --faults {count} --attacker");
-                }
-                Work::Board { node, vehicle, .. } => {
-                    println!("    cargo xtask test --board {node} --vehicle {vehicle} --twin");
-                }
-                Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
-                Work::Drive(vehicle) => {
-                    println!("    cargo xtask sim --vehicle {vehicle} --seconds {DRIVE_SECONDS}");
-                }
-                Work::Schedulability(vehicle) => {
-                    println!("    cargo xtask schedulability --vehicle {vehicle}");
-                }
-                Work::EventTriggered(vehicle) => println!(
-                    "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered"
-                ),
-                Work::SwitchedOn(vehicle, sets) => {
-                    let sets: Vec<String> = sets.iter().map(|set| format!("--set {set}")).collect();
-                    let sets = sets.join(" ");
-                    println!("    cargo xtask schedulability --vehicle {vehicle} {sets}");
-                }
-            }
-        }
+        list(&steps);
         return Ok(());
     }
 
@@ -97,6 +62,52 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
         finished.push(step);
     }
     Ok(summary(&finished)?)
+}
+
+/// Prints what each step runs.
+fn list(steps: &[Step]) {
+    for step in steps {
+        println!("{}", step.name);
+        match &step.work {
+            Work::Commands(commands) => {
+                for command in commands {
+                    println!("    {}", typed(command));
+                }
+            }
+            Work::Tests { cargo, long } => {
+                let slow = if *long { " -- --include-ignored" } else { "" };
+                println!("    {}{slow}", typed(cargo));
+            }
+            Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
+            Work::Attacks(count) => {
+                println!("    cargo xtask sim --faults {count} --attacker");
+            }
+            Work::Board { node, vehicle, .. } => {
+                println!("    cargo xtask test --board {node} --vehicle {vehicle} --twin");
+            }
+            Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
+            Work::Drive(vehicle) => {
+                println!("    cargo xtask sim --vehicle {vehicle} --seconds {DRIVE_SECONDS}");
+            }
+            Work::Schedulability(vehicle) => {
+                println!("    cargo xtask schedulability --vehicle {vehicle}");
+            }
+            Work::EventTriggered { vehicle, observed } => println!(
+                "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered{}",
+                runs(*observed)
+            ),
+            Work::SwitchedOn {
+                vehicle,
+                sets,
+                observed,
+            } => {
+                let sets: Vec<String> = sets.iter().map(|set| format!("--set {set}")).collect();
+                let sets = sets.join(" ");
+                let runs = runs(*observed);
+                println!("    cargo xtask schedulability --vehicle {vehicle} {sets}{runs}");
+            }
+        }
+    }
 }
 
 /// One step of the test.
@@ -128,9 +139,19 @@ enum Work {
     /// Whether the deadlines of a vehicle hold.
     Schedulability(String),
     /// Whether they hold when its nodes send at once, without the schedule.
-    EventTriggered(String),
-    /// Whether they hold with a node that is off in the manifest, and the value that switches it on.
-    SwitchedOn(String, Vec<&'static str>),
+    EventTriggered { vehicle: String, observed: bool },
+    /// Whether they hold with nodes that are off in the manifest, and the values that switch them on.
+    SwitchedOn {
+        vehicle: String,
+        sets: Vec<&'static str>,
+        observed: bool,
+    },
+}
+
+/// What the list of steps says behind an analysis. Its runs take a minute and more, and those of the vehicles as they
+/// are in their manifests have the same programs in them.
+fn runs(observed: bool) -> &'static str {
+    if observed { "" } else { "  (without its runs)" }
 }
 
 /// How a step ended.
@@ -172,13 +193,17 @@ impl Step {
                 .and_then(|vehicle| drive(workspace, &vehicle))
                 .unwrap_or_else(failed),
             Work::Schedulability(name) => found(&name)
-                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle, true))
                 .unwrap_or_else(failed),
-            Work::EventTriggered(name) => event_triggered(workspace, &name)
-                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+            Work::EventTriggered { vehicle, observed } => event_triggered(workspace, &vehicle)
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle, observed))
                 .unwrap_or_else(failed),
-            Work::SwitchedOn(name, sets) => with_values(workspace, &name, &sets)
-                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+            Work::SwitchedOn {
+                vehicle,
+                sets,
+                observed,
+            } => with_values(workspace, &vehicle, &sets)
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle, observed))
                 .unwrap_or_else(failed),
             Work::Tests { cargo, long } => {
                 let slow: &[&str] = if long { &["--include-ignored"] } else { &[] };
@@ -244,31 +269,16 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         let vehicle = vehicle::find(workspace, name)?;
         steps.push(step("images", Work::Images));
         steps.push(step("twin", Work::Drive));
-        // The tasks of a variant are those of the other vehicle, with other numbers.
-        let varied = vehicle.variant_of().is_some();
-        if !varied || options.long {
-            steps.push(step("schedulability", Work::Schedulability));
-        }
-        if varied {
-            continue;
-        }
-        if event_triggered(workspace, name).is_ok() {
-            steps.push(step("event-triggered", Work::EventTriggered));
-        }
-        // All of them at once: a node that is on has more to do, and delays the others more.
-        let (what, sets): (Vec<_>, Vec<_>) = switches(&vehicle)
-            .into_iter()
-            .map(|Switch { what, set }| (what, set))
-            .unzip();
-        if !sets.is_empty() {
-            let work = Work::SwitchedOn(name.clone(), sets);
-            steps.push(Step::new(format!("{}, {name}", what.join(" and ")), work));
-        }
+        steps.extend(analyses(workspace, &vehicle, options.long));
     }
     let uagv = vehicle::find(workspace, vehicle::DEFAULT)?;
     if options.long {
         // All at once: the control step has the most to do then.
-        let work = Work::SwitchedOn(uagv.name().to_owned(), additions(&uagv));
+        let work = Work::SwitchedOn {
+            vehicle: uagv.name().to_owned(),
+            sets: additions(&uagv),
+            observed: true,
+        };
         steps.push(Step::new("planner and missions, uagv", work));
     }
     steps.extend([
@@ -290,6 +300,42 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         ),
     ]);
     Ok(steps)
+}
+
+/// The analyses of a vehicle: as it is, without the schedule, and with all its nodes.
+fn analyses(workspace: &Workspace, vehicle: &Vehicle, long: bool) -> Vec<Step> {
+    let name = vehicle.name();
+    let mut steps = Vec::new();
+    let mut add = |what: &str, work| steps.push(Step::new(format!("{what}, {name}"), work));
+    // The tasks of a variant are those of the other vehicle, with other numbers.
+    let varied = vehicle.variant_of().is_some();
+    if !varied || long {
+        add("schedulability", Work::Schedulability(name.to_owned()));
+    }
+    if varied {
+        return steps;
+    }
+    if event_triggered(workspace, name).is_ok() {
+        let work = Work::EventTriggered {
+            vehicle: name.to_owned(),
+            observed: long,
+        };
+        add("event-triggered", work);
+    }
+    // All of them at once: a node that is on has more to do, and delays the others more.
+    let (what, sets): (Vec<_>, Vec<_>) = switches(vehicle)
+        .into_iter()
+        .map(|Switch { what, set }| (what, set))
+        .unzip();
+    if !sets.is_empty() {
+        let work = Work::SwitchedOn {
+            vehicle: name.to_owned(),
+            sets,
+            observed: long,
+        };
+        add(&what.join(" and "), work);
+    }
+    steps
 }
 
 /// The tests of each board that the usual vehicle has.
@@ -607,6 +653,8 @@ fn summary(steps: &[Finished]) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     const USUAL: Test = Test {
@@ -746,6 +794,40 @@ mod tests {
         assert!(!wrong.contains("never was in its window"), "{wrong}");
     }
 
+    /// Crates and their features, as `cargo tree` tells them.
+    fn crates(workspace: &Workspace, arguments: &[&str]) -> BTreeSet<(String, String)> {
+        let mut cargo = workspace.cargo();
+        cargo.args(["tree", "--prefix", "none", "--no-dedupe"]);
+        cargo.args(["--format", "{p}|{f}"]).args(arguments);
+        let text = crate::workspace::output(&mut cargo).unwrap();
+        let crates = text.lines().map(|line| line.trim_end_matches(" (*)"));
+        let crates = crates.filter_map(|line| line.split_once('|'));
+        let owned = crates.map(|(name, features)| (name.to_owned(), features.to_owned()));
+        owned.collect()
+    }
+
+    /// Else all that depends on one of them is built twice: a quarter of what the tests build.
+    #[test]
+    fn tests_use_the_libraries_that_the_command_was_built_with() {
+        let workspace = Workspace::find().unwrap();
+        let command = crates(
+            &workspace,
+            &["--package", "xtask", "--edges", "normal,build"],
+        );
+        assert!(command.len() > 100, "{command:?}");
+        let mut all = vec!["--workspace", "--edges", "normal,build,dev"];
+        all.extend(BOARDS.iter().flat_map(|board| ["--exclude", board]));
+        let others = crates(&workspace, &all).into_iter().filter(|one| {
+            let (name, _) = one;
+            command.iter().any(|(known, _)| known == name) && !command.contains(one)
+        });
+        let others: Vec<_> = others.collect();
+        assert!(
+            others.is_empty(),
+            "xtask/Cargo.toml must ask for these features, too: {others:?}"
+        );
+    }
+
     #[test]
     fn the_boards_are_left_to_the_target() {
         let workspace = Workspace::find().unwrap();
@@ -778,6 +860,33 @@ mod tests {
             long: true,
             ..USUAL
         }));
+    }
+
+    #[test]
+    fn every_analysis_has_its_runs_in_the_long_test() {
+        let workspace = Workspace::find().unwrap();
+        let without = |options: &Test| {
+            let steps = steps(&workspace, options).unwrap();
+            let without = |step: &&Step| {
+                matches!(
+                    step.work,
+                    Work::EventTriggered {
+                        observed: false,
+                        ..
+                    } | Work::SwitchedOn {
+                        observed: false,
+                        ..
+                    }
+                )
+            };
+            steps.iter().filter(without).count()
+        };
+        assert_eq!(without(&USUAL), 3);
+        let long = Test {
+            long: true,
+            ..USUAL
+        };
+        assert_eq!(without(&long), 0);
     }
 
     #[test]
