@@ -9,11 +9,14 @@ use network::Message;
 use sbp::Sbp;
 use serde::Deserialize;
 use std::sync::Arc;
+use twin::Options;
 use twin::image::Image;
 use twin::mcu::Board;
 use twin::network::Network;
 use twin::part::Part;
 use uagv::messages::{Latitude, Longitude, Position, Velocity};
+use world::Scenario;
+use world::time::{from_seconds, seconds};
 
 const MS: u64 = 1_000_000_000;
 
@@ -314,4 +317,27 @@ fn no_byte_is_lost_while_the_node_looks_at_the_line() {
     }
     println!("lost in {} of 140 cycles: {lost:?}", lost.len());
     assert!(lost.is_empty(), "{lost:?}");
+}
+
+/// A receiver that measures once in a second, a metre beside the line: between two measurements, the vehicle drives by its
+/// own steering and speed.
+#[test]
+fn with_a_receiver_of_one_hertz_the_vehicle_keeps_to_its_line() {
+    let (vehicle, images) = furrow_tests::with("receiver.period=1 s");
+    let text = "[start]\neast = \"1 m\"\n[receiver]\nnoise = \"1 cm\"\n\
+                [[press]]\nat = \"1 s\"\nbutton = \"C\"\n[[press]]\nat = \"2 s\"\nbutton = \"C\"\n";
+    let scenario = Scenario::parse(&vehicle, "test", "the test's scenario", text)
+        .unwrap_or_else(|error| panic!("{error}"));
+    let options = Options {
+        duration: Some(from_seconds(40.0)),
+        ..Options::default()
+    };
+    let outcome = twin::run(&vehicle, &scenario, &images, &options, |_| {})
+        .unwrap_or_else(|error| panic!("{error}"));
+    let states = outcome.world.states();
+    let last = states.last().expect("a drive has states");
+    assert!(last.north > 30.0, "it came {:.1} m north", last.north);
+    let settled = states.iter().filter(|state| seconds(state.at) > 20.0);
+    let largest = settled.map(|state| state.east.abs()).fold(0.0, f64::max);
+    assert!(largest < 0.05, "{largest:.3} m beside the line");
 }

@@ -62,6 +62,8 @@ struct Slot {
     missed: u64,
     /// Since when it stays empty, ns, and for how many of these cycles.
     empty: Option<(i64, u64)>,
+    /// How many were empty in a row and may be.
+    spared: u16,
 }
 
 impl Slot {
@@ -75,6 +77,7 @@ impl Slot {
             starts: Spread::default(),
             missed: 0,
             empty: None,
+            spared: 0,
         }
     }
 
@@ -385,8 +388,8 @@ impl Timing {
         }
         for slot in &mut self.slots {
             let due = match slot.window.due {
-                Due::Always => true,
-                Due::WhileFixed => cycle.fixed,
+                Due::Always | Due::OneOf(_) => true,
+                Due::WhileFixed(_) => cycle.fixed,
                 Due::Sometimes => false,
             };
             let ended = slot.start + slot.length <= lasts;
@@ -395,7 +398,12 @@ impl Timing {
                 continue;
             }
             let mut frames = cycle.frames.iter();
-            if !frames.any(|&(offset, id)| slot.own(cycle.count, id, offset).is_some()) {
+            if frames.any(|&(offset, id)| slot.own(cycle.count, id, offset).is_some()) {
+                slot.spared = 0;
+            } else if slot.spared < slot.window.due.spared() {
+                slot.spared += 1;
+            } else {
+                slot.spared = 0;
                 slot.missed += 1;
                 let (_, windows) = slot.empty.get_or_insert((cycle.start + slot.start, 0));
                 *windows += 1;

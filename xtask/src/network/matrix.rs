@@ -4,7 +4,7 @@ use std::iter;
 
 use network_model::{Condition, Message, Network, SendType, Signal, ValueTable};
 use twin::Outcome;
-use vehicle_model::{Vehicle, manifest::ModeSignal};
+use vehicle_model::{Device, Vehicle, manifest::ModeSignal};
 use world::{
     Scenario, SimDuration,
     report::{Due, FrameRecord, ModeChange, Run, Window, WindowKind},
@@ -29,6 +29,16 @@ impl Matrix {
     pub(crate) fn new(vehicle: &Vehicle) -> Self {
         let network = vehicle.network().clone().with_late_messages();
         let mut all: Vec<Window> = network.messages.iter().flat_map(windows).collect();
+        let cycle = u64::from(network.basic_cycle_us.max(1));
+        let period = vehicle.receiver_period_us().unwrap_or(cycle);
+        let receiver = vehicle.node_of(Device::SatelliteReceiver);
+        let receiver = receiver.map(|node| vehicle.node(node).name.as_str());
+        for window in &mut all {
+            if receiver == Some(&window.sender) {
+                let cycles = u16::try_from(period.div_ceil(cycle)).unwrap_or(u16::MAX);
+                window.due = measured(window, cycles);
+            }
+        }
         if vehicle.is_event_triggered() {
             all.retain(|window| window.kind != WindowKind::Reference);
             for window in &mut all {
@@ -199,6 +209,16 @@ pub(crate) fn are_in_order(apart: i64, basic_cycle: i64, tolerance: i64) -> bool
     cycles > 0 && deviation <= basic_cycle / APART + tolerance
 }
 
+/// When the message of a window is due whose sender has the satellite receiver, which measures in one of so many basic
+/// cycles.
+fn measured(window: &Window, cycles: u16) -> Due {
+    match window.due {
+        Due::Always if cycles > 1 && window.kind == WindowKind::Exclusive => Due::OneOf(cycles),
+        Due::WhileFixed(_) => Due::WhileFixed(cycles.max(1)),
+        due => due,
+    }
+}
+
 /// The windows of a message.
 fn windows(message: &Message) -> impl Iterator<Item = Window> {
     let all = iter::once(&message.window).chain(&message.further);
@@ -218,7 +238,7 @@ fn windows(message: &Message) -> impl Iterator<Item = Window> {
         due: match (message.send_type, message.condition) {
             (SendType::Event { .. }, _) => Due::Sometimes,
             (SendType::Cyclic { .. }, Condition::Always) => Due::Always,
-            (SendType::Cyclic { .. }, Condition::WhileFixed) => Due::WhileFixed,
+            (SendType::Cyclic { .. }, Condition::WhileFixed) => Due::WhileFixed(1),
         },
     })
 }
@@ -245,10 +265,27 @@ mod tests {
         assert_eq!(window(100).kind, WindowKind::Reference);
         assert_eq!(window(300).start, micros(7000));
         assert_eq!(window(300).due, Due::Always);
-        assert_eq!(window(200).due, Due::WhileFixed);
+        assert_eq!(window(200).due, Due::WhileFixed(1));
         assert_eq!(window(501).due, Due::Sometimes);
         assert_eq!(matrix.bit_time(), SimDuration::from_ticks(4_000_000));
         assert_eq!(matrix.basic_cycle(), micros(100_000));
+    }
+
+    #[test]
+    fn a_receiver_of_one_hertz_fills_one_of_ten_windows() {
+        let workspace = crate::Workspace::find().unwrap();
+        let due = |period: &str| {
+            let set = Overrides::parse(&format!("receiver.period={period}")).unwrap();
+            let vehicle = crate::vehicle::with(&workspace, "uagv", &set).unwrap();
+            let windows = Matrix::new(&vehicle).windows;
+            let of = |id| windows.iter().find(|window| window.id == id).unwrap().due;
+            [200, 201, 300, 206, 100].map(of)
+        };
+        let others = [Due::Always; 3];
+        let with = |first: [Due; 2]| [&first[..], &others].concat();
+        assert_eq!(due("1 s")[..], with([Due::WhileFixed(10), Due::OneOf(10)]));
+        assert_eq!(due("200 ms")[..], with([Due::WhileFixed(2), Due::OneOf(2)]));
+        assert_eq!(due("100 ms")[..], with([Due::WhileFixed(1), Due::Always]));
     }
 
     #[test]

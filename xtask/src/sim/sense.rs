@@ -63,10 +63,10 @@ fn never_sent(run: &Run, summary: &Summary) -> Vec<String> {
     if summary.bus.basic_cycles == 0 {
         return Vec::new();
     }
-    let due = run
-        .windows
-        .iter()
-        .filter(|window| window.kind == WindowKind::Exclusive && window.due == Due::Always);
+    let due = run.windows.iter().filter(|window| {
+        let due = matches!(window.due, Due::Always | Due::OneOf(_));
+        window.kind == WindowKind::Exclusive && due
+    });
     let silent = due.filter(|window| {
         !summary
             .bus

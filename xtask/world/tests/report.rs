@@ -531,12 +531,36 @@ fn a_window_is_missed_only_in_the_basic_cycles_that_have_it() {
     assert_eq!(figures(&made), (1, tallies.to_vec()));
 }
 
+/// A receiver that measures in each third basic cycle, once not, and the fix is lost in two others.
+#[test]
+fn windows_between_two_measurements_are_not_missed() {
+    let mut made = Made::new("", 2.0);
+    made.windows = vec![
+        window(100, 0.0, WindowKind::Reference, Due::Always),
+        window(200, 3000.0, WindowKind::Exclusive, Due::WhileFixed(3)),
+    ];
+    let (lost, unfixed) = (9, [4, 5]);
+    for cycle in 0..19 {
+        let start = 10_000.0 + 100_000.0 * f64::from(cycle);
+        made.frames
+            .push(frame(100, u8::from(!unfixed.contains(&cycle)), start, 50));
+        if cycle % 3 == 0 && cycle != lost {
+            made.frames.push(frame(200, 0, start + 3000.0, 50));
+        }
+    }
+    let missed = |made: &Made| Summary::of(&made.run()).bus.missed_windows;
+    assert_eq!(missed(&made), 1);
+    // Each of them, if each was due.
+    made.windows[1].due = Due::WhileFixed(1);
+    assert_eq!(missed(&made), 11);
+}
+
 /// Two basic cycles and the beginning of a third, with one frame late, one missed and one foreign.
 fn traffic() -> Made {
     let mut made = Made::new("", 0.25);
     made.windows = vec![
         window(100, 0.0, WindowKind::Reference, Due::Always),
-        window(200, 3000.0, WindowKind::Exclusive, Due::WhileFixed),
+        window(200, 3000.0, WindowKind::Exclusive, Due::WhileFixed(1)),
         window(206, 6000.0, WindowKind::Exclusive, Due::Always),
         window(501, 12_000.0, WindowKind::Arbitrating, Due::Sometimes),
     ];

@@ -82,16 +82,16 @@ impl Cycle<'_> {
         messages.filter_map(|frame| self.start_in(window, frame))
     }
 
-    /// Whether a window has been missed: it stayed empty although its message was due and had come before.
-    fn misses(&self, window: &Window, came_before: bool) -> bool {
+    /// Whether a window stayed empty although its message was due and had come before.
+    fn lacks(&self, window: &Window, came_before: bool) -> bool {
         came_before && self.expects(window) && self.starts(window).next().is_none()
     }
 
     /// Whether a window's message is due, and the basic cycle did not end before.
     fn expects(&self, window: &Window) -> bool {
         let due = match window.due {
-            Due::Always => true,
-            Due::WhileFixed => self.reference.dlc > 0 && self.reference.data[0] & 1 == 1,
+            Due::Always | Due::OneOf(_) => true,
+            Due::WhileFixed(_) => self.reference.dlc > 0 && self.reference.data[0] & 1 == 1,
             Due::Sometimes => false,
         };
         due && after(self.reference.start, window.start + window.length) <= self.end
@@ -115,7 +115,9 @@ impl Cycle<'_> {
             _ if window.kind == WindowKind::Reference => WindowContent::Frame(0.0),
             Some(start) => WindowContent::Frame(start),
             None if destroyed() => WindowContent::Destroyed,
-            None if self.misses(window, came_before) => WindowContent::Missed,
+            None if window.due.spared() == 0 && self.lacks(window, came_before) => {
+                WindowContent::Missed
+            }
             None => WindowContent::Empty,
         }
     }
@@ -155,8 +157,18 @@ struct Tally {
 
 fn tally(window: &Window, cycles: &[Cycle]) -> Tally {
     let mut tally = Tally::default();
+    // So many in a row were empty.
+    let mut empty = 0;
     for cycle in cycles.iter().filter(|cycle| cycle.has(window)) {
-        tally.missed += u64::from(cycle.misses(window, !tally.starts.is_empty()));
+        if cycle.lacks(window, !tally.starts.is_empty()) {
+            empty += 1;
+        } else if cycle.starts(window).next().is_some() {
+            empty = 0;
+        }
+        if empty > window.due.spared() {
+            tally.missed += 1;
+            empty = 0;
+        }
         tally.starts.extend(cycle.starts(window));
     }
     tally
@@ -392,7 +404,7 @@ fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
             .filter(ended)
             .filter(|cycle| !seen(cycle))
             .count() as u64,
-        Due::WhileFixed | Due::Sometimes => 0,
+        Due::OneOf(_) | Due::WhileFixed(_) | Due::Sometimes => 0,
     }
 }
 

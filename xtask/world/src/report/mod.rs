@@ -140,11 +140,23 @@ impl FrameRecord {
 pub enum Due {
     /// In every basic cycle.
     Always,
-    /// In every basic cycle whose reference message says that the fix is good (lowest bit of its
-    /// first byte).
-    WhileFixed,
+    /// In one of so many basic cycles in a row: a receiver of 1 Hz has nothing to send in the others.
+    OneOf(u16),
+    /// The same, of those whose reference messages say that the fix is good (lowest bit of the first byte).
+    WhileFixed(u16),
     /// When there is something to send.
     Sometimes,
+}
+
+impl Due {
+    /// How many windows in a row may stay empty although the message is due in them.
+    #[must_use]
+    pub fn spared(self) -> u16 {
+        match self {
+            Self::OneOf(cycles) | Self::WhileFixed(cycles) => cycles.saturating_sub(1),
+            Self::Always | Self::Sometimes => 0,
+        }
+    }
 }
 
 /// Kind of a window.
