@@ -147,7 +147,7 @@ impl Models {
         let network_name = name(network);
         let mut network = read(network, &network_name)?;
         for table in &supplements.tables {
-            tasks.push_str(&read(table, &name(table))?);
+            tasks = supplemented(&tasks, &read(table, &name(table))?);
         }
         for supplement in &supplements.networks {
             let file = name(supplement);
@@ -202,9 +202,49 @@ impl Models {
     }
 }
 
+/// The text of a task table with what a supplement adds to it. A row of the supplement takes the place of the table's row
+/// with the same name.
+fn supplemented(tasks: &str, supplement: &str) -> String {
+    // A row of an array (`[[chain]]`) replaces no other.
+    let is_header = |line: &str| line.starts_with('[');
+    let is_row = |line: &str| is_header(line) && !line.starts_with("[[");
+    let replaced: Vec<&str> = supplement.lines().filter(|line| is_row(line)).collect();
+    let mut kept = true;
+    let mut text = String::new();
+    for line in tasks.lines() {
+        if is_header(line) {
+            kept = !replaced.contains(&line);
+        }
+        if kept {
+            text.push_str(line);
+        }
+        // An empty line in place of one that is dropped, so that errors name the right lines.
+        text.push('\n');
+    }
+    text + supplement
+}
+
 fn read(path: &Path, name: &str) -> Result<String, InputError> {
     std::fs::read_to_string(path).map_err(|error| InputError::Unreadable {
         file: name.to_owned(),
         reason: error.to_string(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::supplemented;
+
+    #[test]
+    fn a_row_of_a_supplement_takes_the_place_of_the_tables() {
+        let tasks = "[node.a.task.one]\nevery_us = 1\n# Two.\n[node.a.task.two]\nevery_us = 2\n[[chain]]\nname = \"c\"\n";
+        let more = "[node.a.task.one]\nevery_us = 3\n[[chain]]\nname = \"d\"\n";
+        let table: toml::Table = supplemented(tasks, more)
+            .parse()
+            .expect("one row of each name");
+        let task = |name: &str| table["node"]["a"]["task"][name]["every_us"].as_integer();
+        assert_eq!((task("one"), task("two")), (Some(3), Some(2)));
+        assert_eq!(table["chain"].as_array().map(Vec::len), Some(2));
+        assert_eq!(supplemented(tasks, ""), tasks);
+    }
 }

@@ -31,8 +31,7 @@ pub fn supplemented(network: &str, supplement: &str) -> Result<String, String> {
                 return Err(format!("line {}: {trimmed:?} cannot be added", index + 1));
             }
             Some(5) => {
-                let key = trimmed.rsplit_once(' ').map_or(trimmed, |(key, _)| key);
-                let replaced = format!("{key} ");
+                let replaced = format!("{} ", attribute_of(trimmed));
                 lines.retain(|own| !own.starts_with(&replaced));
                 added[5].push(line.to_owned());
             }
@@ -56,6 +55,19 @@ pub fn supplemented(network: &str, supplement: &str) -> Result<String, String> {
     }
     lines.push(String::new());
     Ok(lines.join("\n"))
+}
+
+/// What a `BA_` statement gives a value to: the attribute and the node, message or signal, if it is one of these. The
+/// value itself may have spaces.
+fn attribute_of(statement: &str) -> &str {
+    let words = match statement.split(' ').nth(2) {
+        Some("BU_" | "BO_") => 4,
+        Some("SG_") => 5,
+        _ => 2,
+    };
+    let mut spaces = statement.match_indices(' ');
+    let end = spaces.nth(words - 1);
+    end.map_or(statement, |(end, _)| &statement[..end])
 }
 
 /// The line before which a statement stands that comes behind all of its kind and of those before it.
@@ -93,6 +105,19 @@ mod tests {
             .iter_mut()
             .for_each(|signal| signal.line = None);
         message
+    }
+
+    #[test]
+    fn a_value_with_spaces_takes_the_place_of_another() {
+        let line = "BA_ \"After\" BO_ 300 \"Velocity SteeringPot\";";
+        let network = Network::parse(&supplemented(UAGV, line).unwrap()).unwrap();
+        assert_eq!(
+            network.message(300).unwrap().after,
+            ["Velocity", "SteeringPot"]
+        );
+        let line = "BA_ \"TransmitEnable\" 8;";
+        let network = Network::parse(&supplemented(UAGV, line).unwrap()).unwrap();
+        assert_eq!(network.transmit_enable_bits, 8);
     }
 
     #[test]
