@@ -26,6 +26,11 @@ fn rounded_i16(value: f32) -> i16 {
     i16::try_from(whole).unwrap_or(if whole < 0 { i16::MIN } else { i16::MAX })
 }
 
+/// Angle in microdegrees, in 1E-4 rad.
+pub fn from_microdegrees(angle: i32) -> i16 {
+    rounded_i16(angle as f32 * (0.01 / DEGREES))
+}
+
 /// Rate, rad/s, in hundredths of a degree a second.
 pub fn centidegrees_per_second(rate: f32) -> i16 {
     rounded_i16(rate * DEGREES * 100.0)

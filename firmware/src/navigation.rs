@@ -183,6 +183,35 @@ pub struct Station {
     epochs: u32,
 }
 
+/// The body of a step. A macro, because a closure that does nothing leaves a trace in the image.
+macro_rules! step {
+    ($station:ident, $now:ident, $put:ident $(, $show:ident)?) => {
+        match $station.parser.next(STEP) {
+            Progress::Frame(frame) => {
+                $($show(frame);)?
+                if let Some(message) = sbp::decode(&frame) {
+                    $station.navigation.message(&message, $now, $put);
+                }
+                Step::More
+            }
+            Progress::More => Step::More,
+            Progress::Drained if $station.behind => Step::Drained,
+            Progress::Drained => match $station.idle_since.take() {
+                Some(since) => {
+                    let epochs = $station.navigation.epochs;
+                    Step::Paused(Pause {
+                        since,
+                        is_new_epoch: core::mem::replace(&mut $station.epochs, epochs) != epochs,
+                        tow: $station.navigation.tow,
+                        fixed: $station.navigation.fix.is_fixed(),
+                    })
+                }
+                None => Step::Drained,
+            },
+        }
+    };
+}
+
 impl Station {
     /// A receiver that has sent nothing yet.
     pub const fn new() -> Self {
@@ -213,28 +242,18 @@ impl Station {
     /// [`Step::More`].
     #[inline(always)]
     pub fn step(&mut self, now: u32, put: impl FnMut(Update)) -> Step {
-        match self.parser.next(STEP) {
-            Progress::Frame(frame) => {
-                if let Some(message) = sbp::decode(&frame) {
-                    self.navigation.message(&message, now, put);
-                }
-                Step::More
-            }
-            Progress::More => Step::More,
-            Progress::Drained if self.behind => Step::Drained,
-            Progress::Drained => match self.idle_since.take() {
-                Some(since) => {
-                    let epochs = self.navigation.epochs;
-                    Step::Paused(Pause {
-                        since,
-                        is_new_epoch: core::mem::replace(&mut self.epochs, epochs) != epochs,
-                        tow: self.navigation.tow,
-                        fixed: self.navigation.fix.is_fixed(),
-                    })
-                }
-                None => Step::Drained,
-            },
-        }
+        step!(self, now, put)
+    }
+
+    /// As [`Station::step`], and shows each frame to `show`, for messages that not every vehicle uses.
+    #[inline(always)]
+    pub fn step_showing(
+        &mut self,
+        now: u32,
+        put: impl FnMut(Update),
+        mut show: impl FnMut(sbp::Frame<'_>),
+    ) -> Step {
+        step!(self, now, put, show)
     }
 
     /// State of the receiver.

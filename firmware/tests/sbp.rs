@@ -177,6 +177,60 @@ fn every_packet_decodes_as_the_sbp_crate_says() {
     }
 }
 
+/// A frame 0x0221 by the `sbp` crate, with roll and pitch in microdegrees.
+fn orientation(roll: i32, pitch: i32, flags: u8) -> Vec<u8> {
+    let message = ::sbp::messages::orientation::MsgOrientEuler {
+        sender_id: Some(1),
+        tow: 123_456,
+        roll,
+        pitch,
+        yaw: -90_000_000,
+        roll_accuracy: 0.1,
+        pitch_accuracy: 0.2,
+        yaw_accuracy: 0.5,
+        flags,
+    };
+    ::sbp::to_vec(&message).expect("a frame")
+}
+
+/// What a station shows of roll and pitch.
+fn orientations(bytes: &[u8]) -> Vec<sbp::Orientation> {
+    let mut station = Station::new();
+    let mut found = Vec::new();
+    for bytes in bytes.chunks(sbp::LOT) {
+        station.take(bytes.iter().copied());
+        let mut step = Step::More;
+        while step == Step::More {
+            step = station.step_showing(0, |_| {}, |frame| found.extend(sbp::orientation(&frame)));
+        }
+    }
+    found
+}
+
+#[test]
+fn roll_and_pitch_are_those_of_the_sbp_crate() {
+    for (roll, pitch) in [(0, 0), (5_250_000, -3_125_000), (i32::MIN, i32::MAX)] {
+        for flags in 0..=u8::MAX {
+            let bytes = orientation(roll, pitch, flags);
+            let ::sbp::Sbp::MsgOrientEuler(theirs) = oracle(&bytes) else {
+                panic!("another message");
+            };
+            let valid = theirs.ins_navigation_mode()
+                == Ok(::sbp::messages::orientation::msg_orient_euler::InsNavigationMode::Valid);
+            let expected = sbp::Orientation {
+                tow: theirs.tow,
+                roll: theirs.roll,
+                pitch: theirs.pitch,
+                valid,
+            };
+            assert_eq!(orientations(&bytes), [expected]);
+        }
+    }
+    // Another length, and another message.
+    assert_eq!(orientations(&frame_of(0x0221, &[0; 28])), []);
+    assert_eq!(orientations(&frame_of(0x0222, &[0; 29])), []);
+}
+
 /// Places of the frames with a right checksum, found by a search that sees all bytes at once.
 fn frames_of_the_whole(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
     let padded = [stream, &[0; 263]].concat();
@@ -297,9 +351,11 @@ proptest! {
     /// panic.
     #[test]
     fn any_payload_is_survived(kind in any::<u16>(), payload in proptest::collection::vec(any::<u8>(), 0..=255)) {
-        for kind in [kind, 0x0100, 0x0102, 0x0201, 0x0203, 0x0205, 0x0207, 0x020A, 0x020C, 0x020E, 0x020F, 0xFFFF] {
+        for kind in [kind, 0x0100, 0x0102, 0x0201, 0x0203, 0x0205, 0x0207, 0x020A, 0x020C, 0x020E, 0x020F, 0x0221, 0xFFFF] {
             let found = parse(&mut Parser::new(), &frame_of(kind, &payload));
             prop_assert!(matches!(found[..], [(of, _)] if of == kind));
+            let wanted = usize::from(kind == 0x0221 && payload.len() == 29);
+            prop_assert_eq!(orientations(&frame_of(kind, &payload)).len(), wanted);
         }
     }
 

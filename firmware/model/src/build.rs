@@ -31,8 +31,8 @@ pub const VARIANT: &str = "FURROW_VARIANT";
 ///
 /// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
 /// configuration `event_triggered` where the nodes send at once, `row_guidance` where rows guide a
-/// run without a fix, `planner` where a planner may lead runs, and `mission` where runs drive missions. Reports an error in the folder in
-/// one sentence.
+/// run without a fix, `planner` where a planner may lead runs, `mission` where runs drive missions, and `tilt` where an
+/// inertial sensor measures roll and pitch. Reports an error in the folder in one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
     match write() {
@@ -60,7 +60,7 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
     println!("cargo::rerun-if-env-changed={VARIANT}");
     println!(
-        "cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission, sessions)"
+        "cargo::rustc-check-cfg=cfg(event_triggered, row_guidance, planner, mission, sessions, tilt)"
     );
     let variant = env::var(VARIANT).ok().filter(|name| !name.is_empty());
     let folder = match variant {
@@ -83,6 +83,9 @@ fn write() -> Result<(), Box<dyn Error>> {
     }
     if vehicle.manifest().missions().is_some() {
         println!("cargo::rustc-cfg=mission");
+    }
+    if vehicle.manifest().inertial().is_some() {
+        println!("cargo::rustc-cfg=tilt");
     }
     if vehicle.manifest().has_sessions() {
         println!("cargo::rustc-cfg=sessions");

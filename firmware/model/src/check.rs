@@ -8,7 +8,7 @@ use parts::Sled;
 
 use crate::manifest::{
     BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
-    DistanceSignals, Law, Machine, Manifest, Mission, Node, Planner, Protocol, Receiver,
+    DistanceSignals, Inertial, Law, Machine, Manifest, Mission, Node, Planner, Protocol, Receiver,
     RegulatorWeights, Rover, RowGuidance, SelfTest, Sessions, SignalPath, SteeringGains, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
@@ -54,6 +54,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(mission) = &manifest.mission {
         self::mission(mission, manifest, network)?;
+    }
+    if let Some(tilt) = &manifest.tilt {
+        inertial(tilt, manifest, network)?;
     }
     if let Some(sessions) = &manifest.sessions {
         self::sessions(sessions, manifest, network)?;
@@ -752,6 +755,25 @@ fn planner(planner: &Planner, manifest: &Manifest, network: &Network) -> Result<
         )),
         None => Ok(()),
     }
+}
+
+/// Checks roll and pitch, be they on or off.
+fn inertial(tilt: &Inertial, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    let Some(machine) = &manifest.machine else {
+        return Err("[tilt] needs a [machine], which the manifest does not have".into());
+    };
+    if manifest.receiver.is_none() {
+        return Err("[tilt] needs a [receiver], which the manifest does not have".into());
+    }
+    let cycle = f64::from(network.basic_cycle_us) * 1e-6;
+    within("tilt.longest_age", tilt.longest_age, 2.0 * cycle, 5.0)?;
+    if tilt.enabled && machine.law == Law::Thesis {
+        return Err(
+            "tilt.enabled with machine.law \"thesis\": that law takes the ground for level, so \"furrow\" is accepted"
+                .into(),
+        );
+    }
+    Ok(())
 }
 
 /// Checks sessions, if they are on.

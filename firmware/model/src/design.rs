@@ -313,6 +313,14 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
             );
         }
         steering_law(&mut out, machine, manifest.missions());
+        if let Some(tilt) = manifest.inertial() {
+            constant(
+                &mut out,
+                "How long the last roll and pitch count, s.",
+                "TILT_AGE: f32",
+                &format!("{:?}", single(tilt.longest_age)),
+            );
+        }
         let guide = guide(&mut out, machine, manifest).map_err(|error| VehicleError::Manifest {
             file: vehicle.manifest_file(),
             what: format!("row_guidance: {error}"),

@@ -51,6 +51,8 @@ pub struct Manifest {
     pub planner: Option<Planner>,
     /// Missions in place of the one line; `None` if the vehicle is not meant for them.
     pub mission: Option<Mission>,
+    /// Roll and pitch from an inertial sensor; `None` if the vehicle is not meant to have one.
+    pub tilt: Option<Inertial>,
     /// Sessions of nodes with a key; `None` if the vehicle is not meant for them.
     pub sessions: Option<Sessions>,
     /// The bus guardian; `None` if the vehicle is not meant to have one.
@@ -95,6 +97,12 @@ impl Manifest {
         self.mission.as_ref().filter(|mission| mission.enabled)
     }
 
+    /// The inertial sensor, if it is on.
+    #[must_use]
+    pub fn inertial(&self) -> Option<&Inertial> {
+        self.tilt.as_ref().filter(|tilt| tilt.enabled)
+    }
+
     /// Whether nodes with a key have sessions.
     #[must_use]
     pub fn has_sessions(&self) -> bool {
@@ -109,8 +117,9 @@ impl Manifest {
         let planner = self.leading_planner().map(|planner| planner.name.as_str());
         let mission = self.missions().map(|_| MISSION);
         let sessions = self.has_sessions().then_some(SESSION);
+        let tilt = self.inertial().map(|_| TILT);
         let guides = rows.into_iter().chain(planner);
-        guides.chain(mission).chain(sessions)
+        guides.chain(mission).chain(sessions).chain(tilt)
     }
 
     /// The signal that says what guides the vehicle beside its path, if something else may.
@@ -738,6 +747,8 @@ pub struct RowGuidance {
 
 /// The name of the files with what missions add to the others.
 pub(crate) const MISSION: &str = "mission";
+/// The name of the files with what roll and pitch add to the others.
+pub(crate) const TILT: &str = "tilt";
 /// The name of the file with the messages of sessions.
 const SESSION: &str = "session";
 
@@ -770,6 +781,20 @@ pub struct Mission {
     /// to 8 it has the signals `State1`, whether it is on when that cycle begins, and `After1`, after how many milliseconds
     /// it changes; 127 if it does not.
     pub sections: String,
+}
+
+/// Roll and pitch from an inertial sensor in the satellite receiver: they say where the antenna is on a slope
+/// (`control::tilt`). While they are off, the images have nothing of them. What they add to the bus and to the task table
+/// stands in `tilt.dbc` and `tilt.tasks.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Inertial {
+    /// Whether they are on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// How long the last roll and pitch count when no others come, two basic cycles to 5 s; then the ground counts as
+    /// level.
+    pub longest_age: Time,
 }
 
 /// Sessions of nodes with a key: the nodes that obey commands count their starts in the flash, and commands of a run

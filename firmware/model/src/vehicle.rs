@@ -11,7 +11,7 @@ use parts::Sled;
 use crate::check;
 use crate::design;
 use crate::error::VehicleError;
-use crate::manifest::{Device, MISSION, Manifest, Node, Protocol};
+use crate::manifest::{Device, MISSION, Manifest, Node, Protocol, TILT};
 use crate::overrides::Overrides;
 use crate::source::{MANIFEST, Source, refused, text, variants_of};
 
@@ -320,7 +320,8 @@ impl Vehicle {
         let guardian = self.manifest.bus_guardian();
         let guardian = guardian.map(|guardian| guardian.node.name.as_str());
         let mission = self.manifest.missions().map(|_| MISSION);
-        let added = rows.into_iter().chain(guardian).chain(mission);
+        let tilt = self.manifest.inertial().map(|_| TILT);
+        let added = rows.into_iter().chain(guardian).chain(mission).chain(tilt);
         added
             .map(|name| self.crate_folder.join(format!("{name}.tasks.toml")))
             .collect()

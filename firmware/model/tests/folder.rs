@@ -853,6 +853,46 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
 }
 
 #[test]
+fn roll_and_pitch_are_on_the_bus_only_while_they_are_measured() {
+    let off = uagv_with("").unwrap();
+    assert!(off.network().message(203).is_none());
+    let start = |vehicle: &Vehicle, id| vehicle.network().message(id).unwrap().window.start_us;
+    assert_eq!(start(&off, 202), 5000);
+    let on = uagv_with("tilt.enabled=true").unwrap();
+    let message = on.network().message(203).unwrap();
+    assert_eq!((message.sender.as_str(), start(&on, 203)), ("gps", 5000));
+    assert_eq!(start(&on, 202), 26_000);
+    // The control step waits for it.
+    let command = on.network().message(300).unwrap();
+    assert!(command.after.iter().any(|name| name == "Tilt"));
+    assert!(on.task_supplements().iter().all(|table| table.is_file()));
+    assert_eq!(on.task_supplements().len(), 1);
+    // Besides everything else that may be on.
+    for others in ["row_guidance.enabled=true", "planner.enabled=true"] {
+        let all = "mission.enabled=true;sessions.enabled=true;tilt.enabled=true";
+        uagv_with(&format!("{all};{others}")).unwrap();
+    }
+}
+
+#[test]
+fn roll_and_pitch_that_make_no_sense_are_refused_in_one_sentence() {
+    for (overrides, sentence) in [
+        (
+            "tilt.longest_age=100 ms",
+            "tilt.longest_age is 0.1 s: 0.2 s to 5 s is accepted",
+        ),
+        (
+            "tilt.enabled=true;machine.law=thesis",
+            "tilt.enabled with machine.law \"thesis\"",
+        ),
+    ] {
+        let error = uagv_with(overrides).unwrap_err();
+        assert!(error.contains(sentence), "{overrides}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
 fn the_message_about_sections_must_be_there_with_its_signals() {
     for (message, sentence) in [
         (

@@ -142,6 +142,19 @@ pub struct Heading {
     pub fix: Fix,
 }
 
+/// Roll and pitch of the vehicle, from the receiver's inertial sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Orientation {
+    /// Time of week, ms.
+    pub tow: u32,
+    /// Roll, microdegrees, positive if the right side is lower.
+    pub roll: i32,
+    /// Pitch, microdegrees, positive if the front is higher.
+    pub pitch: i32,
+    /// Whether the sensor knows them: its navigation mode is 1, "valid".
+    pub valid: bool,
+}
+
 /// A message of one of the types in use.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Message {
@@ -220,4 +233,22 @@ pub fn decode(frame: &Frame<'_>) -> Option<Message> {
         _ => return None,
     };
     Some(message)
+}
+
+/// Roll and pitch, if the frame is a message 0x0221; `None` for other types and for payloads of the wrong length.
+///
+/// Not a part of [`decode`]: only the images of vehicles with an inertial sensor have it.
+#[inline(always)]
+pub fn orientation(frame: &Frame<'_>) -> Option<Orientation> {
+    if (frame.kind(), frame.length()) != (0x0221, 29) {
+        return None;
+    }
+    let i32_at = |from| i32::from_le_bytes(frame.field(from));
+    Some(Orientation {
+        tow: u32::from_le_bytes(frame.field(0)),
+        roll: i32_at(4),
+        pitch: i32_at(8),
+        // Yaw and accuracies are skipped.
+        valid: u8::from_le_bytes(frame.field(28)) & 0b111 == 1,
+    })
 }

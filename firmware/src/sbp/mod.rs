@@ -11,4 +11,7 @@ mod message;
 
 pub use crc::crc16;
 pub use framing::{CAPACITY, Counters, Frame, LOT, MAX_PAYLOAD, Parser, Progress};
-pub use message::{Fix, Heading, Message, PositionLlh, PositionNed, Time, VelocityNed, decode};
+pub use message::{
+    Fix, Heading, Message, Orientation, PositionLlh, PositionNed, Time, VelocityNed, decode,
+    orientation,
+};

@@ -488,10 +488,12 @@ fn additions(vehicle: &Vehicle) -> Vec<&'static str> {
     let planner = manifest.planner.as_ref().map(|planner| planner.enabled);
     let mission = manifest.mission.as_ref().map(|mission| mission.enabled);
     let sessions = manifest.sessions.as_ref().map(|sessions| sessions.enabled);
+    let tilt = manifest.tilt.as_ref().map(|tilt| tilt.enabled);
     let off = [
         (planner, "planner.enabled=true"),
         (mission, "mission.enabled=true"),
         (sessions, "sessions.enabled=true"),
+        (tilt, "tilt.enabled=true"),
     ];
     let off = off.into_iter().filter(|(on, _)| *on == Some(false));
     off.map(|(_, set)| set).collect()

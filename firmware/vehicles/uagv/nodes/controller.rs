@@ -60,11 +60,13 @@ mod app {
     use uagv::mission;
     use uagv::session::{self, Session};
     use uagv::wire::{self, Record};
-    use uagv::{Link, Pilot, Stack, guide, identity, peers};
+    use uagv::{Link, Pilot, Stack, guide, identity, peers, tilt};
 
     /// What the control step works on. One resource, because each lock costs the step time.
     pub struct Driving {
         pilot: Pilot,
+        /// What is known of roll and pitch.
+        tilt: tilt::Watch,
         buttons: Buttons,
         /// Latest samples of the joystick, x and y.
         axes: (u16, u16),
@@ -151,6 +153,7 @@ mod app {
                 link,
                 driving: Driving {
                     pilot,
+                    tilt: tilt::Watch::new(),
                     buttons: Buttons::default(),
                     axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
                     change: None,
@@ -241,11 +244,20 @@ mod app {
     #[task(binds = EXTI1, priority = 5, shared = [link, driving], local = [sender])]
     fn control(cx: control::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
-        let (mut inputs, frame, time) =
-            link.lock(|link| (wire::inputs(link), guide::take(link), link.cycle_began()));
+        let (mut inputs, seen, frame, time) = link.lock(|link| {
+            let inputs = wire::inputs(link);
+            (
+                inputs,
+                tilt::take(link),
+                guide::take(link),
+                link.cycle_began(),
+            )
+        });
         let command = driving.lock(|driving| {
             inputs.joystick = driving.axes;
             guide::see(&mut driving.pilot, frame, time);
+            let Driving { pilot, tilt, .. } = driving;
+            tilt.step(pilot, &mut inputs, seen);
             let (decision, change) = driving.pilot.step(&inputs, &driving.buttons);
             if change.is_some() {
                 driving.change = change;
@@ -265,9 +277,14 @@ mod app {
     #[task(binds = EXTI4, priority = 4, shared = [link, driving], local = [mode_events])]
     fn record(cx: record::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
-        let (decision, change, told) = driving.lock(|driving| {
+        let (decision, change, told, tilted) = driving.lock(|driving| {
             let pilot = &driving.pilot;
-            (pilot.decision(), driving.change.take(), guide::log(pilot))
+            (
+                pilot.decision(),
+                driving.change.take(),
+                guide::log(pilot),
+                driving.tilt.state(),
+            )
         });
         // A section of its own, because it blocks the interrupts of the bus.
         let peers = link.lock(|link| peers::of(link));
@@ -278,6 +295,7 @@ mod app {
             link.put(window::LOG_GUIDANCE, record.guidance);
             link.put(window::LOG_CONTROL, record.control);
             guide::put(link, told, &peers);
+            tilt::Watch::put(link, tilted);
         });
         if let Some(change) = change {
             *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);

@@ -39,6 +39,8 @@ mod app {
     use uagv::design::{RECEIVER_LEAD, RECEIVER_PERIOD};
     use uagv::matrix::{BASIC_CYCLE, GPS, window};
     use uagv::messages::{Command, GpsStatus};
+    #[cfg(tilt)]
+    use uagv::tilt;
     use uagv::{Link, Stack, identity, wire};
 
     #[shared]
@@ -167,12 +169,28 @@ mod app {
     fn parse(mut cx: parse::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
+        #[cfg(not(tilt))]
         let step = cx.shared.station.lock(|station| {
             station.step(now, |update| {
                 let (window, data) = wire::update(update);
                 link.lock(|link| link.replace(window, data));
             })
         });
+        #[cfg(tilt)]
+        let step = {
+            let mut news = tilt::News::default();
+            let step = cx.shared.station.lock(|station| {
+                let put = |update| {
+                    let (window, data) = wire::update(update);
+                    link.lock(|link| link.replace(window, data));
+                };
+                station.step_showing(now, put, |frame| news.see(frame))
+            });
+            if let Some(data) = news.data() {
+                link.lock(|link| link.replace(window::TILT, data));
+            }
+            step
+        };
         match step {
             Step::More => rtic::pend(Interrupt::EXTI4),
             Step::Drained => {}

@@ -47,6 +47,11 @@ pub mod session;
 #[cfg(not(sessions))]
 #[path = "no_session.rs"]
 pub mod session;
+#[cfg(tilt)]
+pub mod tilt;
+#[cfg(not(tilt))]
+#[path = "no_tilt.rs"]
+pub mod tilt;
 pub mod wire;
 
 #[cfg(planner)]

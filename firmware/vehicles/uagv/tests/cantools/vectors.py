@@ -3,6 +3,9 @@
 
     pip install cantools==45.1.0
     python3 vectors.py > ../data/cantools.txt
+    python3 vectors.py tilt.dbc > ../data/cantools_tilt.txt
+
+With the name of a supplement: frames of the messages that it adds.
 
 One frame a line: identifier, data bytes, then for each signal in the order of
 the network file its raw number and its physical value. For every message the
@@ -11,6 +14,7 @@ limits of all its signals, then random numbers between them.
 
 import pathlib
 import random
+import sys
 
 import cantools
 
@@ -47,12 +51,17 @@ def order(text):
     return order
 
 
-FILE = pathlib.Path(__file__).resolve().parents[2] / "network.dbc"
-ORDER = order(FILE.read_text())
+FOLDER = pathlib.Path(__file__).resolve().parents[2]
+NETWORK = (FOLDER / "network.dbc").read_text()
+ADDED = "".join((FOLDER / name).read_text() for name in sys.argv[1:])
+ORDER = order(NETWORK + "\n" + ADDED)
 
-database = cantools.database.load_file(FILE, strict=True)
+database = cantools.database.load_string(NETWORK + "\n" + ADDED, "dbc", strict=True)
+WANTED = {name for name, _ in order(ADDED or NETWORK)}
 source = random.Random(1)
 for message in sorted(database.messages, key=lambda m: m.frame_id):
+    if message.name not in WANTED:
+        continue
     limits = {s.name: raw_limits(s) for s in message.signals}
     frames = [{name: low for name, (low, _) in limits.items()}]
     frames += [{name: high for name, (_, high) in limits.items()}]
