@@ -279,7 +279,11 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
             sets: additions(&uagv),
             observed: true,
         };
-        steps.push(Step::new("planner and missions, uagv", work));
+        steps.push(Step::new("planner, missions and others, uagv", work));
+        steps.push(Step::new(
+            "roll and pitch, uagv",
+            Work::Commands(vec![tests_of_tilt(workspace)]),
+        ));
     }
     steps.extend([
         Step::new(
@@ -383,6 +387,14 @@ fn tests(workspace: &Workspace, options: &Test) -> Command {
     if !options.random {
         cargo.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
     }
+    cargo
+}
+
+/// The tests of what the UAGV's nodes do for roll and pitch, which are off in its manifest.
+fn tests_of_tilt(workspace: &Workspace) -> Command {
+    let mut cargo = workspace.cargo();
+    cargo.args(["test", "--package", "uagv", "--test", "tilt"]);
+    cargo.env(vehicle_model::build::OVERRIDES, "tilt.enabled=true");
     cargo
 }
 

@@ -53,6 +53,8 @@ pub enum Purpose {
     Attacks = 20,
     /// The frames of an attacker.
     Attacker = 21,
+    /// Noise of roll and pitch.
+    TiltNoise = 22,
 }
 
 /// A stream of random numbers.

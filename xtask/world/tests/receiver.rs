@@ -8,7 +8,13 @@ use world::receiver::{
 };
 use world::time::seconds;
 use world::units::{Angle, Length, Ppm, Ratio, Speed, Time};
-use world::vehicle::Motion;
+use world::vehicle::{Attitude, Motion};
+
+const LEVEL: Attitude = Attitude {
+    roll: 0.0,
+    pitch: 0.0,
+    yaw: 0.0,
+};
 
 const STILL: Motion = Motion {
     north: 0.0,
@@ -16,6 +22,7 @@ const STILL: Motion = Motion {
     height: 1.0,
     north_speed: 0.0,
     east_speed: 0.0,
+    attitude: LEVEL,
 };
 
 fn parameters() -> Parameters {
@@ -73,6 +80,7 @@ const MOTION: Motion = Motion {
     height: 1.0,
     north_speed: 1.25,
     east_speed: -0.5,
+    attitude: LEVEL,
 };
 
 /// The layouts are those of Swift Navigation's "Swift Binary Protocol specification".
@@ -375,4 +383,69 @@ fn bytes_never_run_backwards() {
             last = byte.at;
         }
     }
+}
+
+/// The layout is that of MSG_ORIENT_EULER, 0x0221.
+#[test]
+fn an_inertial_sensor_adds_roll_and_pitch_to_a_burst() {
+    let motion = Motion {
+        attitude: Attitude {
+            roll: 0.1,
+            pitch: -0.05,
+            yaw: 3.5,
+        },
+        ..STILL
+    };
+    let with = |noise: f64| Parameters {
+        inertial: true,
+        tilt_noise: Angle::degrees(noise),
+        roll_error: Angle::degrees(0.5),
+        pitch_error: Angle::degrees(-0.25),
+        ..exact()
+    };
+    let orientation = |receiver: &mut Receiver| {
+        decode(&receiver.measure(&motion, Fix::Fixed))
+            .into_iter()
+            .find_map(|message| match message {
+                Sbp::MsgOrientEuler(m) => Some(m),
+                _ => None,
+            })
+            .unwrap()
+    };
+    let mut receiver = Receiver::new(with(0.0), Vec::new(), 0);
+    let first = orientation(&mut receiver);
+    // Radians in microdegrees, and the constant errors.
+    assert_eq!(
+        (first.roll, first.pitch),
+        (5_729_578 + 500_000, -2_864_789 - 250_000)
+    );
+    assert_eq!(first.yaw, 200_535_228 - 360_000_000);
+    assert_eq!((first.tow, first.flags & 7), (129_600_000, 1));
+    // It is one frame of 37 bytes more than without the sensor; the others stay.
+    let (mut other, mut plain) = (
+        Receiver::new(with(0.0), Vec::new(), 0),
+        Receiver::new(exact(), Vec::new(), 0),
+    );
+    for _ in 0..3 {
+        let bytes = |all: Vec<TimedByte>| all.into_iter().map(|b| b.byte).collect::<Vec<_>>();
+        let (more, less) = (
+            other.measure(&motion, Fix::Fixed),
+            plain.measure(&motion, Fix::Fixed),
+        );
+        assert_eq!(more.len(), less.len() + 37);
+        assert!(bytes(more).starts_with(&bytes(less)[..296]));
+    }
+    // 37 bytes of 10 us and one more pause, (3150 - 2960) us / 10.
+    let longer = burst_seconds(&with(0.0)) - burst_seconds(&exact());
+    assert!((longer - 389e-6).abs() < 1e-9, "{longer}");
+    let mut receiver = Receiver::new(with(0.2), Vec::new(), 0);
+    let noise = |angle: i32, mean: i32| f64::from(angle - mean) * 1e-6;
+    let count = 2000;
+    let mut square = 0.0;
+    for _ in 0..count {
+        let seen = orientation(&mut receiver);
+        square += noise(seen.roll, first.roll).powi(2) + noise(seen.pitch, first.pitch).powi(2);
+    }
+    let deviation = (square / f64::from(2 * count)).sqrt();
+    assert!((deviation - 0.2).abs() < 0.01, "{deviation} degrees");
 }

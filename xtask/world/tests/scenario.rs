@@ -5,6 +5,7 @@ mod uagv;
 use proptest::prelude::*;
 use vehicle_model::{Protocol, Vehicle};
 use world::time::{at, from_seconds};
+use world::units::Angle;
 use world::vehicle::Parameters;
 use world::{Analog, Device, Scenario, World};
 
@@ -64,6 +65,7 @@ fn every_mistake_has_its_sentence() {
             "[[press]]\nat = \"1 s\"\nbutton = \"C\"\nhold = \"1 ms\"",
         ),
         ("too steep", "[ground]\nslope = \"45 deg\""),
+        ("a roll too wrong", "[receiver]\nroll_error = \"-11 deg\""),
         (
             "an identifier too large",
             "[[bus]]\nwhat = \"frame\"\nat = \"1 s\"\nid = 2048",
@@ -352,7 +354,7 @@ fn every_scenario_of_a_vehicle_expects_something() {
 #[test]
 fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
     let listed = Scenario::list(&uagv::vehicle());
-    assert_eq!(listed.len(), 30);
+    assert_eq!(listed.len(), 31);
     assert_eq!(listed[6].name, "mission");
     assert_eq!(listed[7].name, "straight-line");
     assert_eq!(listed[8].name, "departures/drive-dead");
@@ -403,6 +405,31 @@ fn what_the_file_leaves_out_is_the_manifests() {
     let line = scenario.line.unwrap();
     assert_eq!((line.length(), line.direction().to_degrees()), (50.0, 90.0));
     assert_eq!(scenario.start.heading.get().to_degrees(), 90.0);
+}
+
+#[test]
+fn the_receiver_measures_roll_and_pitch_where_the_manifest_says_so() {
+    let on = uagv::changed(&[("[tilt]\nenabled = false", "[tilt]\nenabled = true")]);
+    let text =
+        "ground = { slope = \"8 deg\", leans = true }\nreceiver = { roll_error = \"1 deg\" }";
+    for (vehicle, inertial) in [(uagv::vehicle(), false), (on, true)] {
+        let scenario = Scenario::parse(&vehicle, "t", "t", text).unwrap();
+        let receiver = receiver(&scenario);
+        assert_eq!(receiver.inertial, inertial);
+        let errors = [
+            receiver.roll_error,
+            receiver.pitch_error,
+            receiver.tilt_noise,
+        ];
+        assert_eq!(errors, [1.0, 0.3, 0.2].map(Angle::degrees));
+        assert!(scenario.ground.leans);
+    }
+    assert!(
+        !Scenario::parse(&uagv::vehicle(), "t", "t", "")
+            .unwrap()
+            .ground
+            .leans
+    );
 }
 
 /// Two boards without a machine, in the UAGV's network.

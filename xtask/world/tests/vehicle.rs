@@ -4,8 +4,10 @@ mod uagv;
 
 use proptest::prelude::*;
 use world::time::{at, from_seconds, seconds};
-use world::units::{Angle, Ratio, Speed, Time};
-use world::vehicle::{Ground, Motor, Parameters, State, Vehicle, drive_for, wrap};
+use world::units::{Angle, Length, Ratio, Speed, Time};
+use world::vehicle::{
+    Attitude, Ground, Motion, Motor, Parameters, State, Vehicle, drive_for, wrap,
+};
 
 const REST: State = State {
     north: 0.0,
@@ -79,6 +81,58 @@ fn constant_steering_is_a_circle_of_wheelbase_over_tangent() {
         own / radius,
         1e-9
     ));
+}
+
+/// A vehicle on a slope that leans it, with its antenna to the right and 2 m above the ground.
+fn leaning(slope: f64, downhill: f64, state: State) -> Vehicle {
+    let (parameters, ground) = ideal();
+    let parameters = Parameters {
+        antenna_right: Length::new(0.4),
+        antenna_height: Length::new(2.0),
+        ..parameters
+    };
+    let ground = Ground {
+        slope: Angle::degrees(slope),
+        downhill: Angle::degrees(downhill),
+        leans: true,
+        ..ground
+    };
+    Vehicle::new(parameters, ground, state)
+}
+
+#[test]
+fn a_slope_that_does_not_lean_leaves_the_antenna_in_its_place() {
+    let state = State {
+        speed: 1.0,
+        steering: 0.2,
+        ..REST
+    };
+    let leans = leaning(10.0, 90.0, state);
+    let ground = Ground {
+        slope: Angle::degrees(10.0),
+        ..ideal().1
+    };
+    let level = Vehicle::new(leans.parameters().clone(), ground, state);
+    let antenna = level.antenna();
+    assert_eq!(
+        antenna,
+        Motion {
+            height: 2.0,
+            ..level.point(0.255, 0.4)
+        }
+    );
+    assert_eq!(antenna.attitude, Attitude::default());
+    // The slope falls to the right: 2 m sin 10 degrees, less what the antenna's place beside the middle loses.
+    let aside = leans.antenna().east - antenna.east;
+    assert!(near(aside, 0.347_296 - 0.4 * 0.015_192, 1e-6), "{aside}");
+    assert!(near(leans.attitude().roll, 10_f64.to_radians(), 1e-12));
+    assert_eq!(
+        leans.point(0.255, 0.4),
+        Motion {
+            attitude: leans.attitude(),
+            ..level.point(0.255, 0.4)
+        }
+    );
 }
 
 #[test]
@@ -239,6 +293,38 @@ fn angles_wrap_to_half_a_turn() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// All four wheels stand on the plane, and the antenna is where the body's turn puts it. Its velocity is the
+    /// difference of two places.
+    #[test]
+    fn a_leaning_vehicle_stands_on_its_slope(
+        slope in 0.0..30.0_f64,
+        downhill in -180.0..180.0_f64,
+        heading in -4.0..4.0_f64,
+        steering in -0.4..0.4_f64,
+    ) {
+        use control::nalgebra::{Rotation3, Vector3};
+        let mut vehicle = leaning(slope, downhill, State { heading, steering, speed: 1.0, ..REST });
+        let Attitude { roll, pitch, yaw } = vehicle.attitude();
+        let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
+        let (steep, falls) = (slope.to_radians(), downhill.to_radians());
+        // The ground's normal, in north, east and down.
+        let normal = Vector3::new(-steep.sin() * falls.cos(), -steep.sin() * falls.sin(), steep.cos());
+        prop_assert!((turn * Vector3::z() - normal).norm() < 1e-12);
+        let antenna = vehicle.antenna();
+        let placed = turn * Vector3::new(0.255, 0.4, -2.0);
+        let found = Vector3::new(antenna.north, antenna.east, -antenna.height);
+        prop_assert!((placed - found).norm() < 1e-12, "{placed} {found}");
+        let span = 1e-3;
+        vehicle.set_effort(vehicle.now(), Motor::Drive, effort(1.0));
+        vehicle.advance_to(at(from_seconds(span)));
+        let later = vehicle.antenna();
+        let speed = |first: f64, last: f64| (first + last) / 2.0;
+        let north = speed(antenna.north_speed, later.north_speed);
+        let east = speed(antenna.east_speed, later.east_speed);
+        prop_assert!((north - (later.north - antenna.north) / span).abs() < 1e-5, "{north} m/s");
+        prop_assert!((east - (later.east - antenna.east) / span).abs() < 1e-5, "{east} m/s");
+    }
 
     #[test]
     fn no_input_breaks_a_limit(

@@ -3,7 +3,8 @@
 //!
 //! A burst holds the messages of the receiver of 2016-17 with its factory settings: time, position,
 //! velocity and baseline, the last three also in earth-centred coordinates; 296 bytes in eleven
-//! frames. With the gaps between its frames a burst lasts 3.15 ms, as in the thesis.
+//! frames. With the gaps between its frames a burst lasts 3.15 ms, as in the thesis. A receiver with an
+//! inertial sensor adds a frame with roll, pitch and yaw.
 
 pub mod earth;
 mod parameters;
@@ -20,9 +21,9 @@ use crate::random::{Purpose, Stream};
 use crate::time::Span as _;
 use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds};
 use crate::units::Time;
-use crate::vehicle::Motion;
+use crate::vehicle::{Attitude, Motion};
 use earth::Geodetic;
-use solution::{Solution, heartbeat};
+use solution::{Solution, heartbeat, orientation};
 use stream::Damage;
 
 /// Frames and bytes of a burst without a heartbeat.
@@ -82,6 +83,7 @@ pub struct Receiver {
     base: Geodetic,
     timing: Stream,
     noise: Stream,
+    tilt_noise: Stream,
     damage: Damage,
     bit: SimDuration,
     clock_ppm: f64,
@@ -119,6 +121,7 @@ impl Receiver {
             },
             timing,
             noise: Stream::new(seed, Purpose::ReceiverNoise),
+            tilt_noise: Stream::new(seed, Purpose::TiltNoise),
             damage: Damage::new(faults, seed),
             bit: from_seconds(bit),
             clock_ppm,
@@ -238,6 +241,14 @@ impl Receiver {
                 |message: &Sbp| matches!(message, Sbp::MsgVelNed(_) | Sbp::MsgVelEcef(_));
             messages.retain(|message| !is_velocity(message));
         }
+        if self.parameters.inertial {
+            let attitude = self.attitude(&antenna.attitude);
+            messages.push(orientation(
+                self.tow(),
+                &attitude,
+                self.parameters.tilt_noise,
+            ));
+        }
         let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
         if self.count.is_multiple_of(per_second) {
             messages.push(heartbeat());
@@ -245,6 +256,17 @@ impl Receiver {
         // Writing fails only for a message of more than 255 bytes.
         let frames = messages.iter().map(sbp::to_vec);
         frames.map(Result::unwrap_or_default).collect()
+    }
+
+    /// Roll, pitch and yaw as its inertial sensor measures them.
+    fn attitude(&mut self, real: &Attitude) -> Attitude {
+        let noise = self.parameters.tilt_noise.get();
+        let (roll, pitch) = (self.tilt_noise.normal(), self.tilt_noise.normal());
+        Attitude {
+            roll: real.roll + self.parameters.roll_error.get() + noise * roll,
+            pitch: real.pitch + self.parameters.pitch_error.get() + noise * pitch,
+            yaw: real.yaw,
+        }
     }
 
     /// Draws the errors of one solution. Every fix state draws the same number of values, so that a
@@ -296,15 +318,8 @@ fn frame_gap(burst: Time) -> Time {
 #[must_use]
 pub fn burst_seconds(parameters: &Parameters) -> f64 {
     let mut receiver = Receiver::new(parameters.clone(), Vec::new(), 0);
-    let still = Motion {
-        north: 0.0,
-        east: 0.0,
-        height: 0.0,
-        north_speed: 0.0,
-        east_speed: 0.0,
-    };
     receiver.count = 1;
-    let bytes = receiver.measure(&still, Fix::Fixed);
+    let bytes = receiver.measure(&Motion::default(), Fix::Fixed);
     match (bytes.first(), bytes.last()) {
         (Some(first), Some(last)) => {
             seconds(last.at) - seconds(first.at)

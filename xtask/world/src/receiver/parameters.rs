@@ -26,6 +26,15 @@ pub struct Parameters {
     pub heading_bias: Angle,
     /// Whether it sends velocities, in either frame. Default true.
     pub velocities: bool,
+    /// Whether it has an inertial sensor and sends roll, pitch and yaw.
+    pub inertial: bool,
+    /// Standard deviation of a measured roll or pitch, 0 to 10 deg. Default 0.2 deg.
+    pub tilt_noise: Angle,
+    /// Constant error of the measured roll, -10 to 10 deg, positive if the right side seems lower than it is. Default 0.3
+    /// deg.
+    pub roll_error: Angle,
+    /// Constant error of the measured pitch, -10 to 10 deg, positive if the front seems higher than it is. Default 0.3 deg.
+    pub pitch_error: Angle,
     /// Error of the receiver's clock, -100 to 100 ppm; random within 20 ppm when `None`.
     pub clock: Option<Ppm>,
     /// Time from the start of the run to the first measurement, 0 to a period; random when `None`.
@@ -37,8 +46,8 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// The receiver that a manifest describes. Values that the manifest does not contain take the
-    /// defaults stated at the fields.
+    /// The receiver that a manifest describes, without an inertial sensor. Values that the manifest does not contain take
+    /// the defaults stated at the fields.
     #[must_use]
     pub fn of(receiver: &vehicle_model::manifest::Receiver) -> Self {
         Self {
@@ -51,6 +60,10 @@ impl Parameters {
             frame_gap: super::frame_gap(receiver.burst),
             heading_bias: Angle::degrees(0.0),
             velocities: true,
+            inertial: false,
+            tilt_noise: Angle::degrees(0.2),
+            roll_error: Angle::degrees(0.3),
+            pitch_error: Angle::degrees(0.3),
             clock: None,
             phase: None,
             fix: Fix::Fixed,
@@ -70,6 +83,9 @@ changes! {
         frame_gap: Time,
         heading_bias: Angle,
         velocities: bool,
+        tilt_noise: Angle,
+        roll_error: Angle,
+        pitch_error: Angle,
         fix: Fix,
         base: Base,
     } optional {

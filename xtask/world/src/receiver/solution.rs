@@ -7,12 +7,14 @@ use sbp::messages::{
         MsgAgeCorrections, MsgBaselineEcef, MsgBaselineNed, MsgDops, MsgGpsTime, MsgPosEcef,
         MsgPosLlh, MsgUtcTime, MsgVelEcef, MsgVelNed,
     },
-    orientation::MsgBaselineHeading,
+    orientation::{MsgBaselineHeading, MsgOrientEuler},
     system::MsgHeartbeat,
 };
 
 use super::earth::Geodetic;
 use super::parameters::Fix;
+use crate::units::Angle;
+use crate::vehicle::{Attitude, wrap};
 
 /// SBP sender id of the receiver; a Piksi derives it from its serial number.
 const SENDER: Option<u16> = Some(0x88D3);
@@ -237,6 +239,26 @@ impl Solution {
             }),
         ]
     }
+}
+
+/// Flags of an attitude from inertial sensor and satellites.
+const INERTIAL: u8 = 1;
+
+/// The attitude that the inertial sensor of the receiver has measured, with the standard deviation of roll and pitch.
+pub(super) fn orientation(tow: u32, attitude: &Attitude, sigma: Angle) -> Sbp {
+    let micro = |angle: f64| round(wrap(angle).to_degrees() * 1e6) as i32;
+    let sigma = sigma.get().to_degrees() as f32;
+    Sbp::MsgOrientEuler(MsgOrientEuler {
+        sender_id: SENDER,
+        tow,
+        roll: micro(attitude.roll),
+        pitch: micro(attitude.pitch),
+        yaw: micro(attitude.yaw),
+        roll_accuracy: sigma,
+        pitch_accuracy: sigma,
+        yaw_accuracy: sigma,
+        flags: INERTIAL,
+    })
 }
 
 /// The message that the receiver sends each second.

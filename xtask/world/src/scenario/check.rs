@@ -370,6 +370,15 @@ fn receiver(scenario: &Scenario) -> Outcome {
     )?;
     let biases = between(Angle::degrees(-10.0), Angle::degrees(10.0));
     within("receiver.heading_bias", r.heading_bias, biases)?;
+    let noises = between(Angle::degrees(0.0), Angle::degrees(10.0));
+    within("receiver.tilt_noise", r.tilt_noise, noises)?;
+    for (field, error) in [
+        ("receiver.roll_error", r.roll_error),
+        ("receiver.pitch_error", r.pitch_error),
+    ] {
+        let errors = between(Angle::degrees(-10.0), Angle::degrees(10.0));
+        within(field, error, errors)?;
+    }
     if let Some(clock) = r.clock {
         within(
             "receiver.clock",

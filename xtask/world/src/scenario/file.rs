@@ -350,6 +350,7 @@ fn receiver(
         };
     };
     let mut parameters = receiver::Parameters::of(receiver);
+    parameters.inertial = vehicle.manifest().inertial().is_some();
     changes.unwrap_or_default().apply(&mut parameters);
     Ok(Some(parameters))
 }

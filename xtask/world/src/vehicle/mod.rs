@@ -8,6 +8,9 @@
 //! Tyres slip in proportion to their lateral force (linear tyre, J. Y. Wong, Theory of Ground
 //! Vehicles, 5.2). That force is the centripetal force of the turn minus the downhill component of
 //! the weight.
+//!
+//! Where the ground leans ([`Ground::leans`]), the antenna is where roll and pitch turn it about the rear axle's middle. The
+//! motion of that middle stays the one in the horizontal plane.
 
 mod actuator;
 mod drive;
@@ -15,7 +18,7 @@ mod parameters;
 
 use std::collections::VecDeque;
 
-use libm::{atan2, cos, sin, tan};
+use libm::{asin, atan, atan2, cos, sin, tan};
 
 pub use actuator::SteeringActuator;
 pub use drive::Drive;
@@ -54,19 +57,42 @@ pub struct State {
     pub speed: f64,
 }
 
-/// Position and velocity of a point of the vehicle relative to the ground.
-#[derive(Copy, Clone, Debug, PartialEq)]
+/// How the body stands: yaw, then pitch, then roll, about the axes down, right and forward of the body.
+#[derive(Copy, Clone, Debug, Default, PartialEq)]
+pub struct Attitude {
+    /// Radians, positive if the right side is lower.
+    pub roll: f64,
+    /// Radians, positive if the front is higher.
+    pub pitch: f64,
+    /// Radians clockwise from north, not wrapped.
+    pub yaw: f64,
+}
+
+/// Place of a point in the vehicle, seen from above: metres ahead of the rear axle and right of the centre line, and their
+/// derivatives by the heading.
+#[derive(Copy, Clone)]
+struct Lever {
+    ahead: f64,
+    right: f64,
+    ahead_by_heading: f64,
+    right_by_heading: f64,
+}
+
+/// Position and velocity of a point of the vehicle relative to the ground, and how the vehicle stands.
+#[derive(Copy, Clone, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Northing, metres.
     pub north: f64,
     /// Easting, metres.
     pub east: f64,
-    /// Height above the ground, metres.
+    /// Height above the middle of the rear axle on the ground, metres.
     pub height: f64,
     /// Speed towards north, metres per second.
     pub north_speed: f64,
     /// Speed towards east, metres per second.
     pub east_speed: f64,
+    /// How the vehicle stands.
+    pub attitude: Attitude,
 }
 
 /// Derivative of the pose.
@@ -161,12 +187,51 @@ impl Vehicle {
     /// Position and velocity of the antenna.
     #[must_use]
     pub fn antenna(&self) -> Motion {
+        let ahead = self.parameters.rear_to_antenna.get();
+        let right = self.parameters.antenna_right.get();
+        let height = self.parameters.antenna_height.get();
+        if !self.ground.leans {
+            return Motion {
+                height,
+                ..self.point(ahead, right)
+            };
+        }
+        // Body axes forward, right and down, turned by roll and then by pitch.
+        let Attitude { roll, pitch, .. } = self.attitude();
+        let (sr, cr, sp, cp) = (sin(roll), cos(roll), sin(pitch), cos(pitch));
+        let (across, above) = (right * cr + height * sr, height * cr - right * sr);
+        // Derivatives of roll and pitch by the heading.
+        let slope = self.ground.slope.get();
+        let falls = self.ground.downhill.get() - self.state.heading;
+        let roll_by_heading = -sin(slope) * cos(falls) / cr;
+        let pitch_by_heading = -tan(slope) * sin(falls) * cp * cp;
+        let lever = Lever {
+            ahead: ahead * cp - above * sp,
+            right: across,
+            ahead_by_heading: across * sp * roll_by_heading
+                - (ahead * sp + above * cp) * pitch_by_heading,
+            right_by_heading: above * roll_by_heading,
+        };
         Motion {
-            height: self.parameters.antenna_height.get(),
-            ..self.point(
-                self.parameters.rear_to_antenna.get(),
-                self.parameters.antenna_right.get(),
-            )
+            height: ahead * sp + above * cp,
+            ..self.at_lever(&lever)
+        }
+    }
+
+    /// How the vehicle stands: level, unless the ground leans.
+    #[must_use]
+    pub fn attitude(&self) -> Attitude {
+        let yaw = self.state.heading;
+        let falls = self.ground.downhill.get() - yaw;
+        let slope = if self.ground.leans {
+            self.ground.slope.get()
+        } else {
+            0.0
+        };
+        Attitude {
+            roll: asin(sin(slope) * sin(falls)),
+            pitch: -atan(tan(slope) * cos(falls)),
+            yaw,
         }
     }
 
@@ -180,14 +245,32 @@ impl Vehicle {
     /// (negative: behind it, such as a hitch) and `right` metres beside the centre line.
     #[must_use]
     pub fn point(&self, ahead: f64, right: f64) -> Motion {
+        self.at_lever(&Lever {
+            ahead,
+            right,
+            ahead_by_heading: 0.0,
+            right_by_heading: 0.0,
+        })
+    }
+
+    fn at_lever(&self, lever: &Lever) -> Motion {
+        let Lever { ahead, right, .. } = *lever;
         let rate = self.pose_rate(self.state.heading, self.state.steering, self.state.speed);
         let (s, c) = (sin(self.state.heading), cos(self.state.heading));
+        // On a slope a turn changes roll and pitch, which swings a high point.
+        let swing_ahead = lever.ahead_by_heading * rate.heading;
+        let swing_right = lever.right_by_heading * rate.heading;
+        let (swing_north, swing_east) = (
+            swing_ahead * c - swing_right * s,
+            swing_ahead * s + swing_right * c,
+        );
         Motion {
             north: self.state.north + ahead * c - right * s,
             east: self.state.east + ahead * s + right * c,
             height: 0.0,
-            north_speed: rate.north - (ahead * s + right * c) * rate.heading,
-            east_speed: rate.east + (ahead * c - right * s) * rate.heading,
+            north_speed: rate.north - (ahead * s + right * c) * rate.heading + swing_north,
+            east_speed: rate.east + (ahead * c - right * s) * rate.heading + swing_east,
+            attitude: self.attitude(),
         }
     }
 

@@ -123,6 +123,9 @@ pub struct Ground {
     /// Direction of steepest descent, clockwise from north, -360 to 360 deg. Default 90 deg: the
     /// slope pulls a vehicle that drives north to its right.
     pub downhill: Angle,
+    /// Whether the slope leans the vehicle, so that a high antenna is not above its place in the vehicle. Default false:
+    /// the slope only pulls.
+    pub leans: bool,
     /// Slip angle of the front tyres for a lateral force equal to the vehicle's weight, 0 to 60
     /// deg/g. Default 14 deg/g, a cornering coefficient of 4 per radian.
     pub front_slip: Compliance,
@@ -138,6 +141,7 @@ impl Default for Ground {
         Self {
             slope: Angle::degrees(0.0),
             downhill: Angle::degrees(90.0),
+            leans: false,
             front_slip: slip,
             rear_slip: slip,
             wheel_slip: Ratio::new(0.0),
