@@ -820,7 +820,7 @@ mod tests {
         owned.collect()
     }
 
-    /// Else all that depends on one of them is built twice: a quarter of what the tests build.
+    /// Else all that depends on one of them is built twice.
     #[test]
     fn tests_use_the_libraries_that_the_command_was_built_with() {
         let workspace = Workspace::find().unwrap();
