@@ -4,10 +4,15 @@ use campaign::traffic::Traffic;
 use twin::{Images, Options};
 use vehicle_model::Vehicle;
 use world::Scenario;
+use world::receiver::{Inertial, InertialChange};
 use world::time::seconds;
+use world::units::Time;
 
 /// Number of the message with roll and pitch.
 const TILT: u16 = 203;
+
+/// Number of the message that tells whether they count.
+const TILT_STATE: u16 = 457;
 
 /// What the scenario `senses/side-slope` came to.
 #[derive(Debug)]
@@ -61,4 +66,57 @@ fn on_a_side_slope_roll_and_pitch_put_the_vehicle_on_its_line() {
     let roll = with.roll.unwrap().to_degrees();
     assert!((roll - 8.3).abs() < 1.0, "{roll} degrees");
     assert!(with.mean.abs() < 0.015 && with.largest < 0.03, "{with:?}");
+}
+
+/// What message 457 said last before an instant: whether roll and pitch count, and how often they lapsed.
+fn told(traffic: &Traffic, before: f64) -> Option<(bool, u8)> {
+    let sent = traffic.genuine(TILT_STATE);
+    let last = sent.filter(|sent| seconds(sent.end) <= before).last()?;
+    let bytes = last.bytes();
+    Some((bytes[0] & 1 == 1, bytes[1]))
+}
+
+/// Cross-track errors of the scenario `senses/side-slope` with tilt if the sensor is in a state from 20 to 32 s.
+fn lapsed(state: Inertial) -> (Traffic, impl Fn(f64, f64) -> Vec<f64>) {
+    let (vehicle, images) = furrow_tests::with("tilt.enabled=true");
+    let mut scenario = Scenario::find(&vehicle, "senses/side-slope").unwrap();
+    let changes = [(20.0, state), (32.0, Inertial::Valid)];
+    scenario.inertial = Vec::from(changes.map(|(at, state)| InertialChange {
+        at: Time::new(at),
+        state,
+    }));
+    let outcome = twin::run(&vehicle, &scenario, &images, &Options::default(), |_| {}).unwrap();
+    let traffic = Traffic::of(&outcome);
+    let line = scenario.line.unwrap();
+    let errors = move |from, until| {
+        let samples = outcome.world.states().iter();
+        let within = samples.filter(|it| (from..until).contains(&seconds(it.at)));
+        within
+            .map(|it| line.locate(it.north, it.east).1)
+            .collect::<Vec<f64>>()
+    };
+    (traffic, errors)
+}
+
+#[test]
+fn without_roll_and_pitch_for_a_second_the_ground_counts_as_level_until_they_are_back() {
+    for state in [Inertial::Silent, Inertial::Invalid] {
+        let (traffic, errors) = lapsed(state);
+        let said = [20.9, 21.4, 31.9, 32.4].map(|at| told(&traffic, at));
+        let expected = [(true, 0), (false, 1), (false, 1), (true, 1)];
+        assert_eq!(said, expected.map(Some), "{state:?}");
+        // Nothing is sent for 12 s of 45.
+        let tilts = traffic.genuine(TILT).count();
+        assert!((320..=330).contains(&tilts), "{state:?}: {tilts} frames");
+        // The run goes on all the time.
+        let modes: Vec<u8> = traffic.genuine(300).map(|it| it.bytes()[4] & 7).collect();
+        assert!(modes.iter().rev().take(400).all(|&mode| mode == 3));
+        // It goes to the place of a vehicle without the sensor, without overshoot, and comes back.
+        assert!(errors(15.0, 21.0).iter().all(|it| it.abs() < 0.03));
+        let (aside, after) = (errors(24.0, 32.0), errors(36.0, 45.0));
+        assert!(aside.iter().all(|it| (it + ASIDE).abs() < 0.03));
+        assert!(after.iter().all(|it| it.abs() < 0.03), "{state:?}");
+        let least = errors(0.0, 45.0).into_iter().fold(0.0, f64::min);
+        assert!(least > -ASIDE - 0.03, "{state:?}: {least}");
+    }
 }

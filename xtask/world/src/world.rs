@@ -310,7 +310,8 @@ impl World {
             .as_ref()
             .zip(vehicle.node_of(Device::SatelliteReceiver));
         let receiver = receiver.map(|(receiver, node)| {
-            let receiver = Receiver::new(receiver.clone(), scenario.stream.clone(), seed);
+            let receiver = Receiver::new(receiver.clone(), scenario.stream.clone(), seed)
+                .with_inertial(&scenario.inertial);
             (node, receiver)
         });
         let display = Lk204::new(scenario.lcd.acknowledges, scenario.lcd.delay.span());

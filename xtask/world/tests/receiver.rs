@@ -4,7 +4,8 @@ mod uagv;
 
 use sbp::messages::{Sbp, SbpMessage};
 use world::receiver::{
-    Fix, Parameters, Receiver, StreamFault, StreamFaultKind, TimedByte, burst_seconds,
+    Fix, Inertial, InertialChange, Parameters, Receiver, StreamFault, StreamFaultKind, TimedByte,
+    burst_seconds,
 };
 use world::time::seconds;
 use world::units::{Angle, Length, Ppm, Ratio, Speed, Time};
@@ -223,6 +224,43 @@ fn solutions_come_at_ten_hertz_of_gps_time() {
         epochs[20]
     );
     assert!((epochs[21] - 2.137).abs() < 1e-9, "steered again");
+}
+
+#[test]
+fn an_inertial_sensor_tells_that_it_knows_nothing_or_tells_nothing() {
+    let change = |at, state| InertialChange {
+        at: Time::new(at),
+        state,
+    };
+    let changes = [
+        change(2.0, Inertial::Valid),
+        change(0.5, Inertial::Silent),
+        change(1.0, Inertial::Invalid),
+    ];
+    let parameters = Parameters {
+        inertial: true,
+        phase: Some(Time::new(0.05)),
+        ..exact()
+    };
+    let with = |changes: &[InertialChange]| {
+        let mut receiver = Receiver::new(parameters.clone(), Vec::new(), 0).with_inertial(changes);
+        let epochs = (0..25).map(|_| {
+            let messages = decode(&receiver.measure(&STILL, Fix::Fixed));
+            let mut orientations = messages.into_iter().filter_map(|message| match message {
+                Sbp::MsgOrientEuler(m) => Some((m.flags, m.roll, m.pitch)),
+                _ => None,
+            });
+            let first = orientations.next();
+            assert_eq!(orientations.next(), None);
+            first
+        });
+        epochs.collect::<Vec<_>>()
+    };
+    let (always, seen) = (with(&[]), with(&changes));
+    assert!(always.iter().all(|it| it.is_some_and(|it| it.0 != 0)));
+    assert_eq!((&seen[..5], &seen[20..]), (&always[..5], &always[20..]));
+    assert_eq!(seen[5..10], [None; 5]);
+    assert_eq!(seen[10..20], [Some((0, 0, 0)); 10]);
 }
 
 #[test]

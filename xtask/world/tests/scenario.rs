@@ -51,6 +51,10 @@ fn every_mistake_has_its_sentence() {
             "[[reset]]\nnode = \"motor\"\nat = \"1 s\"",
         ),
         ("an unknown fix", "[[fix]]\nat = \"1 s\"\nstate = \"rtk\""),
+        (
+            "an unknown state of roll and pitch",
+            "[[inertial]]\nat = \"1 s\"\nstate = \"lost\"",
+        ),
         ("a missing field", "[[press]]\nbutton = \"C\""),
         (
             "the second press",
@@ -468,6 +472,10 @@ fn a_table_for_what_the_vehicle_lacks_is_refused() {
         (
             "[[fix]]\nat = \"1 s\"\nstate = \"float\"",
             "fix: vehicle \"boards\" is without",
+        ),
+        (
+            "[[inertial]]\nat = \"1 s\"\nstate = \"silent\"",
+            "inertial: vehicle \"boards\" is without",
         ),
         (
             "[[press]]\nat = \"1 s\"\nbutton = \"C\"",

@@ -15,11 +15,13 @@ use libm::{cos, exp, sin, sqrt};
 use sbp::messages::Sbp;
 
 pub(crate) use parameters::Changes;
-pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
+pub use parameters::{
+    Base, Fix, FixChange, Inertial, InertialChange, Parameters, StreamFault, StreamFaultKind,
+};
 
 use crate::random::{Purpose, Stream};
 use crate::time::Span as _;
-use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds};
+use crate::time::{PER_SECOND, SimDuration, SimTime, after, at, from_seconds, seconds};
 use crate::units::Time;
 use crate::vehicle::{Attitude, Motion};
 use earth::Geodetic;
@@ -84,6 +86,8 @@ pub struct Receiver {
     timing: Stream,
     noise: Stream,
     tilt_noise: Stream,
+    /// What the inertial sensor tells from each time on, in the order of the times.
+    inertial: Vec<(SimTime, Inertial)>,
     damage: Damage,
     bit: SimDuration,
     clock_ppm: f64,
@@ -122,6 +126,7 @@ impl Receiver {
             timing,
             noise: Stream::new(seed, Purpose::ReceiverNoise),
             tilt_noise: Stream::new(seed, Purpose::TiltNoise),
+            inertial: Vec::new(),
             damage: Damage::new(faults, seed),
             bit: from_seconds(bit),
             clock_ppm,
@@ -133,6 +138,15 @@ impl Receiver {
             slow: [Wander::default(); 3],
             parameters,
         }
+    }
+
+    /// With an inertial sensor of which these changes tell. Without them it measures all the time.
+    #[must_use]
+    pub fn with_inertial(mut self, changes: &[InertialChange]) -> Self {
+        let changes = changes.iter();
+        self.inertial = changes.map(|it| (at(it.at.span()), it.state)).collect();
+        self.inertial.sort_by_key(|(when, _)| *when);
+        self
     }
 
     /// When the next solution's measurement is taken.
@@ -242,12 +256,7 @@ impl Receiver {
             messages.retain(|message| !is_velocity(message));
         }
         if self.parameters.inertial {
-            let attitude = self.attitude(&antenna.attitude);
-            messages.push(orientation(
-                self.tow(),
-                &attitude,
-                self.parameters.tilt_noise,
-            ));
+            messages.extend(self.orientation(&antenna.attitude));
         }
         let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
         if self.count.is_multiple_of(per_second) {
@@ -256,6 +265,22 @@ impl Receiver {
         // Writing fails only for a message of more than 255 bytes.
         let frames = messages.iter().map(sbp::to_vec);
         frames.map(Result::unwrap_or_default).collect()
+    }
+
+    /// The message of its inertial sensor. A sensor that tells nothing draws noise all the same, so that the rest of the run
+    /// stays as it is.
+    fn orientation(&mut self, real: &Attitude) -> Option<Sbp> {
+        let measured = self.attitude(real);
+        let now = self.epoch;
+        let later = self.inertial.partition_point(|(from, _)| *from <= now);
+        let state = later.checked_sub(1).map(|last| self.inertial[last].1);
+        let attitude = match state.unwrap_or(Inertial::Valid) {
+            Inertial::Valid => Some(measured),
+            Inertial::Invalid => None,
+            Inertial::Silent => return None,
+        };
+        let sigma = self.parameters.tilt_noise;
+        Some(orientation(self.tow(), attitude.as_ref(), sigma))
     }
 
     /// Roll, pitch and yaw as its inertial sensor measures them.

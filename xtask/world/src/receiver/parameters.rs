@@ -181,6 +181,40 @@ pub struct FixChange {
     pub state: Fix,
 }
 
+/// What the receiver's inertial sensor tells of roll and pitch.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Inertial {
+    /// What it measures.
+    Valid,
+    /// That it does not know them: its message says so, and has zeros for the angles.
+    Invalid,
+    /// Nothing: its message does not come.
+    Silent,
+}
+
+impl Inertial {
+    /// The name in scenario files and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Valid => "valid",
+            Self::Invalid => "invalid",
+            Self::Silent => "silent",
+        }
+    }
+}
+
+/// The inertial sensor loses roll and pitch, or finds them again. A receiver without one ignores it.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InertialChange {
+    /// When.
+    pub at: Time,
+    /// What it tells from then on.
+    pub state: Inertial,
+}
+
 /// The byte stream is damaged for a while.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -245,7 +245,9 @@ impl Solution {
 const INERTIAL: u8 = 1;
 
 /// The attitude that the inertial sensor of the receiver has measured, with the standard deviation of roll and pitch.
-pub(super) fn orientation(tow: u32, attitude: &Attitude, sigma: Angle) -> Sbp {
+pub(super) fn orientation(tow: u32, attitude: Option<&Attitude>, sigma: Angle) -> Sbp {
+    let flags = if attitude.is_some() { INERTIAL } else { 0 };
+    let attitude = attitude.copied().unwrap_or_default();
     let micro = |angle: f64| round(wrap(angle).to_degrees() * 1e6) as i32;
     let sigma = sigma.get().to_degrees() as f32;
     Sbp::MsgOrientEuler(MsgOrientEuler {
@@ -257,7 +259,7 @@ pub(super) fn orientation(tow: u32, attitude: &Attitude, sigma: Angle) -> Sbp {
         roll_accuracy: sigma,
         pitch_accuracy: sigma,
         yaw_accuracy: sigma,
-        flags: INERTIAL,
+        flags,
     })
 }
 

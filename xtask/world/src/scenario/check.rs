@@ -153,6 +153,11 @@ fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     let tables = [
         ("fix", !scenario.fix.is_empty(), Device::SatelliteReceiver),
         (
+            "inertial",
+            !scenario.inertial.is_empty(),
+            Device::SatelliteReceiver,
+        ),
+        (
             "stream",
             !scenario.stream.is_empty(),
             Device::SatelliteReceiver,
@@ -397,6 +402,9 @@ fn receiver(scenario: &Scenario) -> Outcome {
     within("receiver.base.height", r.base.height, heights)?;
     for (i, change) in scenario.fix.iter().enumerate() {
         within(&format!("fix[{i}].at"), change.at, times())?;
+    }
+    for (i, change) in scenario.inertial.iter().enumerate() {
+        within(&format!("inertial[{i}].at"), change.at, times())?;
     }
     for (i, fault) in scenario.stream.iter().enumerate() {
         within(&format!("stream[{i}].from"), fault.from, times())?;

@@ -12,7 +12,7 @@ use super::{
     StartChanges, StopLoopChange, SupplyChange, WireNoise,
 };
 use crate::distance;
-use crate::receiver::{self, FixChange, StreamFault};
+use crate::receiver::{self, FixChange, InertialChange, StreamFault};
 use crate::rover::Terrain;
 use crate::units::{Ratio, Time, Voltage};
 use crate::vehicle;
@@ -42,6 +42,7 @@ pub(super) struct File {
     remote: Receiver,
     nodes: BTreeMap<String, Clock>,
     fix: Vec<FixChange>,
+    inertial: Vec<InertialChange>,
     stream: Vec<StreamFault>,
     press: Vec<ButtonPress>,
     supply: Vec<SupplyChange>,
@@ -78,6 +79,7 @@ impl Default for File {
             remote: Receiver::default(),
             nodes: BTreeMap::new(),
             fix: Vec::new(),
+            inertial: Vec::new(),
             stream: Vec::new(),
             press: Vec::new(),
             supply: Vec::new(),
@@ -257,6 +259,7 @@ impl File {
             remote: self.remote,
             nodes: clocks(vehicle, self.nodes)?,
             fix: self.fix,
+            inertial: self.inertial,
             stream: self.stream,
             press: self.press,
             supply: self.supply,

@@ -43,6 +43,15 @@ impl Scenario {
                 (it.at, format!("fix is {}", it.state.name()))
             }),
         );
+        add(
+            "inertial",
+            told(&self.inertial, |it| {
+                (
+                    it.at,
+                    format!("roll and pitch of the receiver are {}", it.state.name()),
+                )
+            }),
+        );
         add("stream", told(&self.stream, stream));
         add(
             "press",

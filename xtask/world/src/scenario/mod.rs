@@ -34,7 +34,7 @@ pub use row::{
 };
 
 use crate::changes::changes;
-use crate::receiver::{self, FixChange, StreamFault};
+use crate::receiver::{self, FixChange, InertialChange, StreamFault};
 use crate::units::{Angle, Drift, Length, Ppm, Speed, Time};
 use crate::vehicle;
 
@@ -76,6 +76,8 @@ pub struct Scenario {
     pub nodes: Vec<Clock>,
     /// Changes of the receiver's fix.
     pub fix: Vec<FixChange>,
+    /// Changes of what the receiver's inertial sensor tells.
+    pub inertial: Vec<InertialChange>,
     /// Damage to the receiver's byte stream.
     pub stream: Vec<StreamFault>,
     /// Presses of buttons.
