@@ -1,5 +1,7 @@
 //! Debouncing of buttons and switches, and the events that they raise.
 
+use heapless::Deque;
+
 /// Samples that an input must hold a new level before it counts: 20 ms at 200 Hz. A remote
 /// control's relay and a tactile switch bounce for less than 10 ms.
 pub const STEADY_SAMPLES: u8 = 4;
@@ -202,10 +204,48 @@ impl Buttons {
     }
 }
 
+/// A change of an input, with its sequence number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Change {
+    /// The input.
+    pub button: Button,
+    /// How it changed.
+    pub edge: Edge,
+    /// One more for each change, wraps.
+    pub count: u8,
+}
+
+/// Changes that are to be told on the bus: one with each sample, so that a sample takes as long when all inputs
+/// change as when one does.
+#[derive(Debug, Default)]
+pub struct Untold {
+    changes: Deque<Change, 8>,
+    count: u8,
+}
+
+impl Untold {
+    /// Adds a change. If as many wait as there is room for, it is dropped, and the sequence numbers show the gap:
+    /// the inputs changed faster than people press, and whatever they ask for has been heeded before.
+    pub fn push(&mut self, button: Button, edge: Edge) {
+        self.count = self.count.wrapping_add(1);
+        let count = self.count;
+        let _ = self.changes.push_back(Change {
+            button,
+            edge,
+            count,
+        });
+    }
+
+    /// The one that has waited longest.
+    pub fn pop(&mut self) -> Option<Change> {
+        self.changes.pop_front()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use super::{Button, Buttons, Debounced, Edge, Remote, STEADY_SAMPLES};
+    use super::{Button, Buttons, Debounced, Edge, Remote, STEADY_SAMPLES, Untold};
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -221,6 +261,26 @@ mod tests {
         }
         assert_eq!(seen, [(Button::StopLoop, Edge::Pressed)]);
         assert!(buttons.is_pressed(Button::StopLoop));
+    }
+
+    #[test]
+    fn changes_are_told_one_by_one_and_a_dropped_one_leaves_a_gap() {
+        let mut untold = Untold::default();
+        let tell = |untold: &mut Untold| untold.pop().map(|it| (it.button, it.count));
+        for button in Button::ALL {
+            untold.push(button, Edge::Pressed);
+        }
+        assert_eq!(tell(&mut untold), Some((Button::A, 1)));
+        // Six of eight places are taken after this one.
+        untold.push(Button::A, Edge::Released);
+        for _ in 0..3 {
+            untold.push(Button::B, Edge::Released);
+        }
+        let rest: Vec<_> = core::iter::from_fn(|| tell(&mut untold)).collect();
+        assert_eq!(rest.len(), 8);
+        assert_eq!(rest.last(), Some(&(Button::B, 9)));
+        untold.push(Button::C, Edge::Pressed);
+        assert_eq!(tell(&mut untold), Some((Button::C, 11)));
     }
 
     /// The events of a remote control whose output C has these levels, each for 20 samples. The

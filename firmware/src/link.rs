@@ -493,7 +493,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             self.node.handle_transmit(outcome, Stamp(stamp));
         }
         self.arm();
-        let begun = self.node.reference_mark() != cycle;
+        // No other node sends references.
+        let begun = cfg!(feature = "master") && self.node.reference_mark() != cycle;
         if begun {
             if let (Some(rank), Some(frame)) = (self.node.status().master_rank, self.offered) {
                 self.begin_cycle(rank, &frame);

@@ -408,6 +408,19 @@ fn a_flood_leaves_no_pause() {
 }
 
 #[test]
+fn preambles_fill_the_pause_and_leave_the_frames() {
+    let mut receiver = Receiver::new(exact(), vec![fault(StreamFaultKind::Preambles, 1.0)], 9);
+    receiver.measure(&STILL, Fix::Fixed);
+    let burst = receiver.measure(&STILL, Fix::Fixed);
+    assert_eq!(burst.len(), 10_000 - 11 * 2 + 1);
+    let mut whole = Receiver::new(exact(), Vec::new(), 9);
+    whole.measure(&STILL, Fix::Fixed);
+    let frames = whole.measure(&STILL, Fix::Fixed).len();
+    assert!(burst[frames..].iter().all(|it| it.byte == 0x55));
+    assert_eq!(decode(&burst).len(), decode(&burst[..frames]).len());
+}
+
+#[test]
 fn bytes_never_run_backwards() {
     let faults = vec![
         fault(StreamFaultKind::Flood, 1.0),

@@ -37,7 +37,7 @@ mod app {
         panel::{self, Joystick},
         time::Clock,
     };
-    use firmware::buttons::{Button, Buttons};
+    use firmware::buttons::{Buttons, Untold};
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Lk204, Supervision};
     use firmware::e2e::{self, Secret};
@@ -100,7 +100,7 @@ mod app {
     struct Local {
         joystick: Joystick,
         inputs: panel::Buttons,
-        button_events: u8,
+        untold: Untold,
         mode_events: u8,
         sender: e2e::Sender,
         replies: Replies,
@@ -171,7 +171,7 @@ mod app {
             Local {
                 joystick: operator.joystick,
                 inputs: operator.buttons,
-                button_events: 0,
+                untold: Untold::default(),
                 mode_events: 0,
                 sender: e2e::Sender::new(start.secret),
                 replies: operator.replies,
@@ -312,31 +312,27 @@ mod app {
         rtic::pend(Interrupt::EXTI0);
     }
 
-    #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, driving], local = [joystick, inputs, button_events])]
+    #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, driving], local = [joystick, inputs, untold])]
     fn scan(cx: scan::Context) {
         cx.local.joystick.acknowledge();
         let counts = cx.local.joystick.counts();
         let levels = cx.local.inputs.levels();
         let mut driving = cx.shared.driving;
-        let mut changes = [None; Button::ALL.len()];
+        let untold = cx.local.untold;
         driving.lock(|driving| {
             driving.axes = counts;
             let pilot = &mut driving.pilot;
-            let mut free = changes.iter_mut();
             driving
                 .buttons
                 .sample(REMOTE, levels.as_array(), |button, edge| {
                     pilot.button(button, edge);
-                    if let Some(change) = free.next() {
-                        *change = Some((button, edge));
-                    }
+                    untold.push(button, edge);
                 });
         });
         // Not inside the lock, which would block the control step.
         let mut link = cx.shared.link;
-        for (button, edge) in changes.into_iter().flatten() {
-            *cx.local.button_events = cx.local.button_events.wrapping_add(1);
-            let data = wire::button_event(button, edge, *cx.local.button_events).encode();
+        if let Some(change) = untold.pop() {
+            let data = wire::button_event(change).encode();
             // The stack counts the events that a full queue refuses; the request itself is not
             // lost.
             let _ =

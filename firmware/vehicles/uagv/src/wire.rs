@@ -3,7 +3,7 @@
 use control::mode::Mode;
 use control::position;
 use firmware::actuator::{self, Refusal, check_motion};
-use firmware::buttons::{Button, Edge};
+use firmware::buttons::{self, Button, Edge};
 use firmware::convert::{self, Geodetic};
 use firmware::e2e;
 use firmware::housekeeping::{self, NodeFault, ResetCause, Status, StatusMessage};
@@ -265,10 +265,10 @@ pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange 
     }
 }
 
-/// The event message of a button, with its sequence number.
-pub const fn button_event(button: Button, edge: Edge, counter: u8) -> ButtonEvent {
+/// The event message of a button.
+pub const fn button_event(change: buttons::Change) -> ButtonEvent {
     ButtonEvent {
-        button: match button {
+        button: match change.button {
             Button::A => named::Button::A,
             Button::B => named::Button::B,
             Button::C => named::Button::C,
@@ -276,8 +276,8 @@ pub const fn button_event(button: Button, edge: Edge, counter: u8) -> ButtonEven
             Button::Joystick => named::Button::Joystick,
             Button::StopLoop => named::Button::StopLoop,
         },
-        pressed: matches!(edge, Edge::Pressed),
-        counter,
+        pressed: matches!(change.edge, Edge::Pressed),
+        counter: change.count,
     }
 }
 

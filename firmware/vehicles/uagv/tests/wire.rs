@@ -1,7 +1,7 @@
 //! The vehicle's messages, made from the quantities of the shared modules.
 
 use control::position::Position as Place;
-use firmware::buttons::{Button, Edge};
+use firmware::buttons::{Button, Change, Edge};
 use firmware::convert::geodetic;
 use firmware::housekeeping::{BusState, NodeFault, ResetCause, Status, StatusMessage};
 use firmware::navigation::Update;
@@ -40,7 +40,11 @@ fn status_messages_have_one_layout() {
 
 #[test]
 fn buttons_have_their_number_on_the_bus() {
-    let event = wire::button_event(Button::StopLoop, Edge::Pressed, 3);
+    let event = wire::button_event(Change {
+        button: Button::StopLoop,
+        edge: Edge::Pressed,
+        count: 3,
+    });
     assert_eq!(event.encode(), [6, 1, 3, 0]);
 }
 

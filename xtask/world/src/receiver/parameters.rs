@@ -246,6 +246,8 @@ pub enum StreamFaultKind {
     Length,
     /// Random bytes without pause until the next burst.
     Flood,
+    /// Bytes that each look like the begin of a frame, without pause until the next burst.
+    Preambles,
     /// Nothing is sent.
     Silence,
 }

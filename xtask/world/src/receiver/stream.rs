@@ -9,6 +9,9 @@ use crate::time::{SimTime, seconds};
 /// Bytes of a frame without its payload: preamble, type, sender, length, checksum.
 const OVERHEAD: usize = sbp::HEADER_LEN + sbp::CRC_LEN;
 
+/// The first byte of a frame.
+const PREAMBLE: u8 = 0x55;
+
 /// The checksum of the Swift Binary Protocol, over type to payload.
 const CHECKSUM: Crc<u16> = Crc::<u16>::new(&CRC_16_XMODEM);
 
@@ -41,7 +44,7 @@ impl Damage {
         for (kind, rate) in self.active(now) {
             match kind {
                 StreamFaultKind::Silence => frames.clear(),
-                StreamFaultKind::Flood => {}
+                StreamFaultKind::Flood | StreamFaultKind::Preambles => {}
                 StreamFaultKind::Flip => {
                     for byte in frames.iter_mut().flatten() {
                         if self.random.uniform() < rate {
@@ -72,13 +75,16 @@ impl Damage {
         frames
     }
 
-    /// Up to `room` random bytes that fill the pause after a burst.
+    /// Up to `room` bytes that fill the pause after a burst.
     pub(super) fn flood(&mut self, now: SimTime, room: usize) -> Vec<u8> {
-        let flooding = self
-            .active(now)
-            .iter()
-            .any(|(kind, _)| *kind == StreamFaultKind::Flood);
-        let count = if flooding { room } else { 0 };
-        (0..count).map(|_| self.random.byte()).collect()
+        let active = self.active(now);
+        let is = |wanted| active.iter().any(|(kind, _)| *kind == wanted);
+        if is(StreamFaultKind::Preambles) {
+            vec![PREAMBLE; room]
+        } else if is(StreamFaultKind::Flood) {
+            (0..room).map(|_| self.random.byte()).collect()
+        } else {
+            Vec::new()
+        }
     }
 }

@@ -156,6 +156,7 @@ fn stream(it: &StreamFault) -> Told {
         StreamFaultKind::Truncate => format!("cuts {share} of its frames"),
         StreamFaultKind::Length => format!("gives {share} of its frames a wrong length"),
         StreamFaultKind::Flood => "sends random bytes without pause".to_owned(),
+        StreamFaultKind::Preambles => "sends preambles without pause".to_owned(),
         StreamFaultKind::Silence => "sends nothing".to_owned(),
     };
     (it.from, format!("receiver {what}"))
