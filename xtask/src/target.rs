@@ -27,6 +27,7 @@ pub enum Missing {
 
 /// A cargo command (`build`, `clippy`, `doc`) for the target.
 pub fn cargo(workspace: &Workspace, command: &str) -> Command {
+    workspace.forget_moved();
     let mut cargo = workspace.cargo();
     cargo.arg(command).args(["--target", TRIPLE]);
     cargo

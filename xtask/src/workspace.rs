@@ -11,6 +11,8 @@ use std::{
 
 use vehicle_model::build::{OVERRIDES, VARIANT};
 
+use crate::target::TRIPLE;
+
 /// What goes wrong with the workspace or a program that runs in it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -101,6 +103,26 @@ impl Workspace {
         Some(file)
     }
 
+    /// Removes what was built for boards in another folder, if the target folder was moved with its workspace. Cargo
+    /// takes it for fresh, but its debug information names sources that are no longer there.
+    pub(crate) fn forget_moved(&self) {
+        let target = self.target();
+        let noted = target.join(".images-of");
+        let here = self.root.as_os_str().as_encoded_bytes();
+        let is_here = || fs::read(&noted).map(|there| there == here);
+        if is_here().is_ok_and(|is_here| is_here) {
+            return;
+        }
+        let _alone = self.builds_alone();
+        // Another program may have done it meanwhile.
+        if is_here().is_ok_and(|is_here| !is_here) {
+            // What stays is built over, or named by the analysis.
+            let _ = fs::remove_dir_all(target.join(TRIPLE));
+            let _ = fs::remove_dir_all(target.join("bench"));
+        }
+        let _ = fs::write(&noted, here);
+    }
+
     /// Where cargo builds, unless its own settings say another place.
     pub(crate) fn target(&self) -> PathBuf {
         let target = self.target.clone();
@@ -184,6 +206,22 @@ fn quoted(word: &OsStr) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_built_for_boards_is_forgotten_when_its_folder_was_moved() {
+        let folder = tempfile::tempdir().unwrap();
+        let built = |root: &Path| root.join("target").join(TRIPLE).join("release/gps");
+        let (before, after) = (folder.path().join("before"), folder.path().join("after"));
+        fs::create_dir_all(built(&before).parent().unwrap()).unwrap();
+        fs::write(built(&before), "image").unwrap();
+        for _ in 0..2 {
+            Workspace::at(&before).forget_moved();
+            assert!(built(&before).is_file());
+        }
+        fs::rename(&before, &after).unwrap();
+        Workspace::at(&after).forget_moved();
+        assert!(!built(&after).exists());
+    }
 
     #[test]
     fn a_command_is_shown_so_that_a_shell_reads_it_back() {

@@ -283,6 +283,16 @@ impl Annotations {
         }
     }
 
+    /// The source of loop `number` if it is not where the image says, so that nothing written in it was read. Of the
+    /// toolchain's sources, which are seldom there, none counts.
+    pub(crate) fn absent(&self, image: &Image, graph: &Graph, number: usize) -> Option<String> {
+        let at = graph.blocks[graph.loops[number].header].start();
+        let mut places = image.places(at).into_iter();
+        let own = places.find(|place| !place.file.starts_with("/rustc/"))?;
+        let is_there = self.root.join(&own.file).is_file();
+        (!is_there).then_some(own.file)
+    }
+
     fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, Turns)> {
         let found = self.innermost(image, graph, number)?;
         // An inner machine loop may come from a function that is inlined into the same source

@@ -37,6 +37,16 @@ pub enum Problem {
         how = by_name(.0)
     )]
     LoopWithoutBound(String),
+    /// No bound was found for a loop whose source is not there to be read.
+    #[error(
+        "the loop at {at} has no bound, and {file}, which may say one, is not there: build the program anew if its folder was moved, or bound the loop in the task table, under [bounds]"
+    )]
+    LoopWithoutSource {
+        /// The loop.
+        at: String,
+        /// The file, as the program names it.
+        file: String,
+    },
     /// No bound was found for a loop of start-up or idle code that runs with interrupts masked.
     #[error(
         "the loop at {at} has no bound, and interrupts are masked in it since {since}: write `// loop-bound: N` on the line above it, where N is the most turns that it takes, or unmask them before it{how}",
@@ -115,7 +125,7 @@ impl Problem {
                     .split_once(" calls ")
                     .map_or(calls, |(first, _)| first);
             }
-            Self::MaskedLoop { at, .. } => at,
+            Self::MaskedLoop { at, .. } | Self::LoopWithoutSource { at, .. } => at,
             Self::LoopWithoutBound(place)
             | Self::Sleep(place)
             | Self::StaysMasked(place)
@@ -140,7 +150,7 @@ impl Problem {
     const fn rank(&self) -> u8 {
         match self {
             Self::Semihosting(_) => 0,
-            Self::LoopWithoutBound(_) => 1,
+            Self::LoopWithoutSource { .. } | Self::LoopWithoutBound(_) => 1,
             Self::MaskedLoop { .. } => 2,
             Self::Sleep(_) => 3,
             Self::StaysMasked(_) => 4,
@@ -160,6 +170,7 @@ impl Problem {
     pub const fn hides_paths(&self) -> bool {
         match self {
             Self::LoopWithoutBound(_)
+            | Self::LoopWithoutSource { .. }
             | Self::MaskedLoop { .. }
             | Self::Sleep(_)
             | Self::DisabledInterrupt(_)

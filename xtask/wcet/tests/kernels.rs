@@ -11,13 +11,14 @@ mod lasting;
 mod masked;
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use common::{Emulator, PART, SMALL_PART, image_path, kernel, small_image_path};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
-use wcet::bound::{Bound, Entry};
+use wcet::bound::{Bound, Entry, Problem};
 use wcet::image::Image;
 use wcet::kernels::{self, INPUT};
 use wcet::register::Register;
@@ -65,7 +66,7 @@ fn check_path(
 #[test]
 fn bounds_hold_on_the_emulator() {
     let image = Image::read(image_path()).unwrap();
-    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &PART);
     let emulator = Emulator::new(&image);
     let mut ratios = Vec::new();
@@ -127,7 +128,7 @@ fn bounds_hold_on_the_emulator() {
 #[test]
 fn library_loops_take_no_more_turns_than_they_are_known_to() {
     let image = Image::read(small_image_path()).unwrap();
-    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &SMALL_PART);
     let emulator = Emulator::new(&image);
     let mut unbounded = Vec::new();
@@ -157,7 +158,7 @@ fn library_loops_take_no_more_turns_than_they_are_known_to() {
 #[test]
 fn programs_without_bound_are_refused() {
     let image = Image::read(image_path()).unwrap();
-    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &PART);
     for (name, sentence) in [
         (
@@ -181,11 +182,35 @@ fn programs_without_bound_are_refused() {
     }
 }
 
+/// A program whose folder was moved names sources that are not there, so that nothing in them bounds its loops.
+#[test]
+fn a_source_that_is_not_there_is_named() {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .ancestors()
+        .nth(2)
+        .unwrap();
+    let image = Image::read(image_path()).unwrap().relative_to(workspace);
+    let elsewhere = Annotations::new(&workspace.join("elsewhere"));
+    let mut analysis = Analysis::new(&image, &elsewhere, &PART);
+    let bound = analyse(&mut analysis, "arithmetic::greatest_divisor");
+    let file = "xtask/wcet/kernels/src/arithmetic.rs".to_owned();
+    let problems: Vec<_> = bound.problems.iter().collect();
+    let [Problem::LoopWithoutSource { file: absent, .. }] = problems[..] else {
+        panic!("{problems:?}");
+    };
+    assert_eq!(*absent, file);
+    let sentence = problems[0].to_string();
+    assert!(
+        sentence.contains("is not there: build the program anew"),
+        "{sentence}"
+    );
+}
+
 /// A false annotation gives a false bound, and a run contradicts it.
 #[test]
 fn a_false_annotation_is_found_out() {
     let image = Image::read(image_path()).unwrap();
-    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &PART);
     let name = "broken::annotated_too_low";
     let bound = analyse(&mut analysis, name);
@@ -221,7 +246,7 @@ fn a_false_annotation_is_found_out() {
 #[test]
 fn a_path_outside_of_the_graph_is_found_out() {
     let image = Image::read(image_path()).unwrap();
-    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &PART);
     let name = "arrays::binary_search";
     let bound = analyse(&mut analysis, name);

@@ -186,8 +186,15 @@ impl Run<'_, '_> {
         }
         self.endless.insert(at);
         if self.kind != Entry::Program {
-            let place = self.place_of_loop(graph, number);
-            self.problems.insert(Problem::LoopWithoutBound(place));
+            let at = self.place_of_loop(graph, number);
+            let Program {
+                image, annotations, ..
+            } = &self.program;
+            let problem = match annotations.absent(image, graph, number) {
+                Some(file) => Problem::LoopWithoutSource { at, file },
+                None => Problem::LoopWithoutBound(at),
+            };
+            self.problems.insert(problem);
         }
         true
     }
