@@ -513,7 +513,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         }
         let (tracking, sine) = self.locate(&estimate, &place);
         let proposed = if sample.engaged {
-            self.law(&tracking, sine, sample.dt)
+            self.law(&tracking, sine, sample.applied.speed, sample.dt)
         } else {
             self.guidance.reset();
             self.hold = Hold::new();
@@ -582,10 +582,17 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         }
     }
 
-    fn law(&mut self, tracking: &Tracking<T>, sine: T, dt: T) -> Option<Command<T>> {
+    fn law(&mut self, tracking: &Tracking<T>, sine: T, applied: T, dt: T) -> Option<Command<T>> {
         let travel = self.travelled(tracking.speed);
         let cruise = self.settings.cruise;
-        let planned = self.route.speed(&self.progress, travel);
+        let mut planned = self.route.speed(&self.progress, travel);
+        // Whatever the drive makes of it, or it would be told to go on by what it does by itself.
+        if let Some(most) = self
+            .route
+            .stopping(self.travelled(applied) * self.drive(), dt)
+        {
+            planned = planned.map(|planned| if most < planned { most } else { planned });
+        }
         if !self.estimator.is_ready() {
             // Drive straight: the heading is observable only in motion. How far the next stop is,
             // is not known either.

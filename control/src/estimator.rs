@@ -158,7 +158,7 @@ impl<T: Scalar> EstimatorSettings<T> {
         if !levels.into_iter().all(positive) {
             return Err(EstimatorError::Noise);
         }
-        if !(self.gps_delay.is_finite() && self.gps_delay >= T::zero()) {
+        if !is_age(self.gps_delay) {
             return Err(EstimatorError::Delay);
         }
         if !(positive(self.drive_lag) && positive(self.standstill)) {
@@ -217,14 +217,24 @@ pub struct Observation<T> {
 impl<T: Scalar> Observation<T> {
     fn is_usable(&self) -> bool {
         is_period(self.dt)
-            && self.steering_rate.is_finite()
-            && self.speed.is_finite()
-            && self.steering_angle.is_none_or(|angle| angle.is_finite())
+            && is_sane(self.steering_rate)
+            && is_sane(self.speed)
+            && self.steering_angle.is_none_or(is_sane)
     }
 }
 
+/// Whether a command or reading is a number, and none whose square or product is beyond the type's range.
+fn is_sane<T: Scalar>(value: T) -> bool {
+    value.abs() <= T::lit(HUGE)
+}
+
+/// Whether GPS data can have this age, s: up to a second. (The motion of a quarter of it is kept.)
+fn is_age<T: Scalar>(age: T) -> bool {
+    age >= T::zero() && age <= T::one()
+}
+
 fn is_period<T: Scalar>(dt: T) -> bool {
-    dt.is_finite() && dt > T::zero()
+    dt > T::zero() && dt <= T::lit(HUGE)
 }
 
 /// How an estimator step used its inputs.
@@ -268,6 +278,15 @@ const STEADY: (f64, f64) = (3.0, 0.5);
 /// Standard deviation of the real speed about what the gain explains, as a share of the difference between the commanded
 /// speed and what of it has lasted.
 const UNSTEADY: f64 = 2.0;
+
+/// Variances of [`Estimator::effectiveness`] and [`Estimator::drive`] before anything was measured.
+const FIRST_VARIANCES: [f64; 2] = [0.09, 0.04];
+/// Change of the speed from one measurement to the next that no vehicle makes, m/s.
+const LEAP: f64 = 3.0;
+/// Speed of the rear axle that no vehicle of this kind has, m/s.
+const FASTEST: f64 = 50.0;
+/// Size of a command (m/s, rad/s) or of a reading (rad) that none has.
+const HUGE: f64 = 1e3;
 
 /// What follows from the settings, computed once.
 #[derive(Clone, Copy, Debug)]
@@ -347,6 +366,8 @@ pub struct Estimator<T> {
     driven: T,
     /// What noise does not explain of the difference between the last measured speed and the expected one, m/s.
     stray_speed: T,
+    /// The speed of the rear axle that the last velocity told, m/s, plausible or not.
+    last_size: T,
     /// What has lasted of the commanded speed, m/s: behind a lag of [`STEADY`].
     lasting: T,
     /// The wheelbase that acts, m, and one over it, 1/m.
@@ -391,13 +412,14 @@ impl<T: Scalar> Estimator<T> {
             covariance: Covariance::zero(),
             speed: T::zero(),
             effectiveness: T::one(),
-            effectiveness_variance: T::lit(0.09),
+            effectiveness_variance: T::lit(FIRST_VARIANCES[0]),
             drive_found: T::one(),
-            drive_variance: T::lit(0.04),
+            drive_variance: T::lit(FIRST_VARIANCES[1]),
             drive: T::one(),
             measured: None,
             driven: T::zero(),
             stray_speed: T::zero(),
+            last_size: T::zero(),
             lasting: T::zero(),
             wheelbase: T::zero(),
             per_wheelbase: T::zero(),
@@ -432,9 +454,9 @@ impl<T: Scalar> Estimator<T> {
     }
 
     /// Sets the measured age of GPS data at their arrival, s, from the next prediction on. A value that is
-    /// negative or not finite is ignored.
+    /// negative, above a second or not a number is ignored.
     pub fn set_gps_delay(&mut self, delay: T) {
-        if delay.is_finite() && delay >= T::zero() {
+        if is_age(delay) {
             self.settings.gps_delay = delay;
         }
     }
@@ -589,7 +611,7 @@ impl<T: Scalar> Estimator<T> {
     /// wait for. Call it once before each [`Self::update`]. Does nothing if an argument is not finite or
     /// `dt` not positive.
     pub fn predict(&mut self, command: Command<T>, dt: T) {
-        if command.steering_rate.is_finite() && command.speed.is_finite() && is_period(dt) {
+        if is_sane(command.steering_rate) && is_sane(command.speed) && is_period(dt) {
             self.predicted = Some(self.advance(command, dt));
         }
     }
@@ -612,6 +634,11 @@ impl<T: Scalar> Estimator<T> {
         if !self.is_finite() {
             self.heading_known = false;
             self.state = [T::zero(); STATES];
+            (self.effectiveness, self.effectiveness_variance) =
+                (T::one(), T::lit(FIRST_VARIANCES[0]));
+            (self.drive_found, self.drive_variance) = (T::one(), T::lit(FIRST_VARIANCES[1]));
+            self.drive = T::one();
+            self.antenna = T::zero();
             self.speed = T::zero();
             self.driven = T::zero();
             self.lasting = T::zero();
@@ -640,7 +667,9 @@ impl<T: Scalar> Estimator<T> {
     fn is_finite(&self) -> bool {
         let states = self.state.into_iter();
         let all = states.chain(self.covariance.variances());
-        all.fold(T::zero(), |sum, value| sum + value).is_finite()
+        let sum = all.fold(T::zero(), |sum, value| sum + value);
+        let found = self.drive_variance + self.effectiveness_variance;
+        (sum + found * (self.speed + self.habits.place_variance())).is_finite()
     }
 
     fn forget_angles(&mut self) {
@@ -861,9 +890,10 @@ impl<T: Scalar> Estimator<T> {
         let (forward, sideways) = self.lever(&wheels.near(then));
         let ratio = square / (forward * forward + sideways * sideways);
         let size = self.wheelbase * ratio.root();
-        // The velocity vector does not tell forward from reverse; the drive
-        // does.
-        let backward = self.speed < T::zero();
+        if !self.is_plausible(size) {
+            return None;
+        }
+        let backward = self.is_backward();
         let measured = if backward { -size } else { size };
         let expected = self.speed - back.gained.sum;
         self.measured = Some([measured + back.gained.sum, seen.speed]);
@@ -877,6 +907,28 @@ impl<T: Scalar> Estimator<T> {
             Some((-north, -east))
         } else {
             Some((north, east))
+        }
+    }
+
+    /// Whether the rear axle may have this speed (m/s, not negative): no vehicle gains [`LEAP`] between two measurements. A
+    /// speed that comes twice is one.
+    fn is_plausible(&mut self, size: T) -> bool {
+        let is_near = |other: T| (size - other.abs()).abs() <= T::lit(LEAP);
+        let leaps = !(is_near(self.speed) || is_near(self.last_size));
+        self.last_size = size;
+        !leaps && size <= T::lit(FASTEST)
+    }
+
+    /// Whether the vehicle drives backwards. The velocity vector does not tell it; the drive does, and what it was told for
+    /// a while is not doubted.
+    fn is_backward(&self) -> bool {
+        let surely = T::lit(2.0) * self.settings.standstill;
+        if self.driven > surely && self.lasting > surely {
+            false
+        } else if self.driven < -surely && self.lasting < -surely {
+            true
+        } else {
+            self.speed < T::zero()
         }
     }
 

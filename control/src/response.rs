@@ -13,8 +13,12 @@
 //! | way of the potentiometer with that of the steering's commands | 1 s | 5 deg | a fifth | 0.5 s |
 //! | turn of the course with what the steering angle makes at this speed | 2 s, or 1.5 wheelbases | 15 deg, or six times the noise of the course | a fifth | 0.5 s |
 //! | speed over ground with the commanded one | 1 s | 0.3 m/s | a quarter, or half as much again and 0.5 m/s | 1 s |
+//! | speed over ground of a vehicle that is told to stand | 1 s | | above 0.25 m/s, or 1.5 times `standstill` | 2 s |
 //! | distance from the path, once it was below 0.3 m for 3 s | | | above 1 m | 0.5 s |
 //! | the same before that, with the least so far | | | [`ResponseSettings::reach`] more | 0.5 s |
+//! | way along a piece of the path, once it was near | | | 1 m less than before | 0.5 s |
+//! | way to the path | | | 60 m and ten times distance and `reach` | |
+//! | way of the positions with that of the velocities | 2 s, or 2 m | 1 m | a fifth | 0.5 s |
 //! | way or time without a speed that tells a heading | | | 3 m or 3 s | |
 //!
 //! Half a second, because a steering that follows two steps late may be behind for up to four when the command
@@ -42,6 +46,10 @@
 //! * A course that does not turn while the wheels should turn the vehicle by w: -2 ln(1 - 15 deg / (2 w)) + dt + 0.5 s,
 //!   at 10 deg/s 3.4 s, and as for the drive age and interval of the data. The memory of slow vehicles is longer, since
 //!   their wheels turn them over a way: over 1.5 wheelbases an angle of 10 deg turns them by 15 deg.
+//! * A drive that does not stop: the command falls to rest at the path's deceleration, whatever the vehicle does. From there
+//!   on, -ln(0.1 / v) + dt + 2 s and the next velocity: until the filter has forgotten what was asked for before.
+//! * Positions that do not move while the velocities are those of a speed v: -2 ln(1 - 1 m / (2 v)) + dt + 0.5 s, at 1 m/s 2.0 s,
+//!   and if they moved before, these ways are first forgotten to a fifth: -2 ln(0.2) + dt + 0.5 s = 3.8 s.
 //! * A heading that is not known: 3 s or 3 m, and a step. A vehicle that stops shows a heading until it stands.
 //!
 //! A fault that asks for less than the thresholds does harm only by leading away from the path. That ends the run
@@ -53,9 +61,9 @@
 //! one in a hundred was not stopped within two minutes; with a receiver of 1 Hz, or an antenna farther out, one sound vehicle
 //! in a hundred was stopped, against one of 2100 within these limits.
 
-use crate::controller::Settings;
+use crate::controller::{Outcome, Sample, Settings};
 use crate::feedback::Limits;
-use crate::position::Velocity;
+use crate::position::{Position, Velocity};
 use crate::safety::Command;
 use crate::scalar::{Scalar, wrap_angle};
 
@@ -71,7 +79,8 @@ pub enum Departure {
     /// The course does not turn as the steering angle says: the vehicle drives the other way than it is told, or the
     /// potentiometer shows another angle than the wheels have.
     Course,
-    /// The vehicle was on its path and has left it.
+    /// The vehicle was on its path and has left it, goes back on it, or does not get onto it; or its positions do not move
+    /// as it does.
     Path,
     /// The heading is not known: there is no velocity, or none that is fast enough.
     Heading,
@@ -135,8 +144,35 @@ pub struct Response<T> {
     /// Distance from the path, m; `None` if something else than the path guides the vehicle. Then the heading
     /// is not needed either.
     pub cross_track: Option<T>,
+    /// The piece of the path, and the distance along it, m.
+    pub segment: usize,
+    /// See `segment`.
+    pub along: T,
+    /// Direction of travel relative to the path, rad.
+    pub heading_error: T,
+    /// The antenna's position, if one arrived.
+    pub position: Option<Position>,
     /// Time since the step before, s.
     pub dt: T,
+}
+
+impl<T: Scalar> Response<T> {
+    /// That of a step of the controller on its path.
+    #[must_use]
+    pub fn of(sample: &Sample<T>, outcome: &Outcome<T>) -> Self {
+        let tracking = &outcome.tracking;
+        Self {
+            applied: sample.applied,
+            steering_angle: sample.steering_angle,
+            velocity: sample.velocity,
+            cross_track: Some(tracking.cross_track),
+            segment: tracking.segment,
+            along: tracking.along,
+            heading_error: tracking.heading_error,
+            position: sample.position,
+            dt: sample.dt,
+        }
+    }
 }
 
 /// The motion that the sensors of a step tell.
@@ -255,7 +291,17 @@ pub struct ResponseWatch<T> {
     steering_wrong: Streak<T>,
     course_wrong: Streak<T>,
     speed_wrong: Streak<T>,
+    rolling: Streak<T>,
     path_wrong: Streak<T>,
+    /// Way of the velocities and of the positions.
+    moved: Pair<T>,
+    moved_wrong: Streak<T>,
+    /// The last position, the way of the velocities since then, m north and east, and the times since it and since the last
+    /// velocity, s.
+    position: Option<Position>,
+    gone: [T; 2],
+    since_position: T,
+    since_velocity: T,
     /// Whether a heading was known in this run, and with it the place.
     placed: bool,
     /// Time near the path, s, up to what counts as captured, and the least distance so far, m.
@@ -263,6 +309,12 @@ pub struct ResponseWatch<T> {
     least: T,
     /// Whether the path guided the vehicle in the step before, from a known place.
     led: bool,
+    /// The piece of the path, and the largest distance along it so far, m.
+    segment: usize,
+    farthest: T,
+    /// Way that was commanded on the way to the path, and the distance at its beginning, m.
+    search: T,
+    first: T,
     /// Way and time since the heading was known.
     blind_way: T,
     blind_time: T,
@@ -286,11 +338,22 @@ impl<T: Scalar> ResponseWatch<T> {
             steering_wrong: Streak::new(),
             course_wrong: Streak::new(),
             speed_wrong: Streak::new(),
+            rolling: Streak::new(),
             path_wrong: Streak::new(),
+            moved: Pair::new(),
+            moved_wrong: Streak::new(),
+            position: None,
+            gone: [T::zero(); 2],
+            since_position: T::zero(),
+            since_velocity: T::zero(),
             placed: false,
             near: T::zero(),
             least: T::zero(),
             led: false,
+            segment: 0,
+            farthest: T::zero(),
+            search: T::zero(),
+            first: T::zero(),
             blind_way: T::zero(),
             blind_time: T::zero(),
         }
@@ -319,6 +382,7 @@ impl<T: Scalar> ResponseWatch<T> {
             (self.speed(seen, &moved), Departure::Speed),
             (self.course(seen, &moved), Departure::Course),
             (self.path(seen), Departure::Path),
+            (self.place(seen), Departure::Path),
             (self.heading(seen), Departure::Heading),
         ];
         let mut found = found.into_iter();
@@ -364,7 +428,12 @@ impl<T: Scalar> ResponseWatch<T> {
         let least = T::lit(0.3);
         let slow = self.speed.falls_short(least, T::lit(0.25));
         let fast = self.speed.came > self.speed.asked * T::lit(1.5) + T::lit(0.5);
-        self.speed_wrong.count(slow || fast, time, T::one())
+        // A second of a tenth of a metre per second: it has been told to stand for a while.
+        let stands = self.speed.asked < T::lit(0.1);
+        let slowest = T::lit(0.25).max(T::lit(1.5) * self.settings.standstill);
+        let rolls = stands && self.speed.came > slowest;
+        let rolls = self.rolling.count(rolls, time, T::lit(2.0));
+        self.speed_wrong.count(slow || fast, time, T::one()) || rolls
     }
 
     /// Velocity of the antenna while the rear axle drives a bend (1/m) at 1 m/s: to the right of that, and along it.
@@ -446,20 +515,73 @@ impl<T: Scalar> ResponseWatch<T> {
         } else if !captured {
             self.near = T::zero();
         }
+        let led = core::mem::replace(&mut self.led, true);
+        let back = self.goes_back(seen, led) && captured;
+        if !distance.is_finite() {
+            return self.path_wrong.count(true, seen.dt, T::lit(0.5));
+        }
         // Where the estimate of the place begins anew, the distance jumps. The vehicle has not moved, so that does not
         // begin another count: an estimate that is wrong again and again would never end the run.
-        if core::mem::replace(&mut self.led, true) {
-            self.least = self.least.min(distance);
+        self.least = if led {
+            self.least.min(distance)
         } else {
-            self.least = distance;
-        }
-        let limit = if captured {
-            T::one()
-        } else {
-            self.least + self.settings.reach
+            distance
         };
-        self.path_wrong
-            .count(distance > limit, seen.dt, T::lit(0.5))
+        if captured {
+            self.search = T::zero();
+            return self
+                .path_wrong
+                .count(distance > T::one() || back, seen.dt, T::lit(0.5));
+        }
+        if !(self.search > T::zero()) {
+            self.first = distance;
+        }
+        self.search += seen.applied.speed.abs() * seen.dt;
+        let reach = self.settings.reach;
+        let longest = T::lit(60.0) + T::lit(10.0) * (self.first + reach);
+        let away = distance > self.least + reach;
+        self.path_wrong.count(away, seen.dt, T::lit(0.5)) || self.search > longest
+    }
+
+    /// Whether the vehicle is a metre farther back on its piece of the path than it has been, or beyond the end of the piece
+    /// before, where it was to change its direction.
+    fn goes_back(&mut self, seen: &Response<T>, led: bool) -> bool {
+        // A vehicle that faces away has not begun to drive along its path.
+        let aligned = seen.heading_error.abs() < T::pi() * T::lit(0.5);
+        if !led || !aligned || seen.segment != self.segment {
+            self.segment = seen.segment;
+            self.farthest = seen.along;
+        }
+        self.farthest = self.farthest.max(seen.along);
+        seen.along < self.farthest - T::one()
+    }
+
+    /// Whether the positions do not move as the velocities say.
+    fn place(&mut self, seen: &Response<T>) -> bool {
+        self.since_velocity += seen.dt;
+        if let Some(velocity) = seen.velocity {
+            let time = core::mem::replace(&mut self.since_velocity, T::zero());
+            let (north, east) = velocity.metres_per_second::<T>();
+            self.gone = [self.gone[0] + north * time, self.gone[1] + east * time];
+        }
+        self.since_position += seen.dt;
+        let Some(position) = seen.position.filter(|_| seen.cross_track.is_some()) else {
+            return false;
+        };
+        let time = core::mem::replace(&mut self.since_position, T::zero());
+        let [north, east] = core::mem::replace(&mut self.gone, [T::zero(); 2]);
+        let before = self.position.replace(position);
+        let way = (north * north + east * east).root();
+        // Across a gap velocities may be missing, too.
+        let Some(before) = before.filter(|_| time < T::lit(1.5) && way > T::zero()) else {
+            return false;
+        };
+        let (to_north, to_east) = position.metres_from::<T>(before);
+        let came = (to_north * north + to_east * east) / way;
+        let memory = T::lit(2.0).max(T::lit(2.0) * time / way);
+        self.moved.add(way, came, time, memory);
+        let wrong = self.moved.falls_short(T::one(), T::lit(0.2));
+        self.moved_wrong.count(wrong, time, T::lit(0.5))
     }
 
     fn heading(&mut self, seen: &Response<T>) -> bool {

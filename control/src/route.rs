@@ -63,6 +63,12 @@ pub trait Route<T: Scalar> {
         T::zero()
     }
 
+    /// The largest speed (m/s, not negative) of a vehicle that is to stop wherever it is, `dt` (s) after it was told to drive at
+    /// `applied` (m/s) in its direction of travel; `None` while it need not.
+    fn stopping(&self, _applied: T, _dt: T) -> Option<T> {
+        None
+    }
+
     /// The largest speed (m/s, not negative) at `progress` when the vehicle travels at `speed` (m/s);
     /// `None` for the cruise speed of the settings.
     fn speed(&self, _progress: &Progress<T>, _speed: T) -> Option<T> {

@@ -118,21 +118,16 @@ fn drive(
             _ => heard.steering_angle,
         };
         let velocity = (heard.arrived && now != Fault::NoVelocity).then_some(heard.velocity);
-        let outcome = controller.step(&Sample {
+        let sample = Sample {
             position: heard.arrived.then_some(heard.position),
             velocity,
             steering_angle: Some(angle as f32),
             applied,
             engaged: true,
             dt: vehicle.period as f32,
-        });
-        let departure = watch.step(&Response {
-            applied,
-            steering_angle: Some(angle as f32),
-            velocity,
-            cross_track: Some(outcome.tracking.cross_track),
-            dt: vehicle.period as f32,
-        });
+        };
+        let outcome = controller.step(&sample);
+        let departure = watch.step(&Response::of(&sample, &outcome));
         let real = plant.controlled().1.abs();
         if controller.estimator().is_ready() {
             let distance = f64::from(outcome.tracking.cross_track).abs();

@@ -250,6 +250,114 @@ fn outliers_and_jumps() {
     assert!(restarted && (east - 3.0).abs() < 0.05, "{east}");
 }
 
+/// A vehicle that drives north at 1 m/s, at each step from its beginning on.
+fn northward(step: i32) -> Observation<f32> {
+    Observation {
+        position: Some(Position::new(step * 100, 0)),
+        velocity: Some(Velocity::new(1000, 0)),
+        steering_angle: Some(0.0),
+        steering_rate: 0.0,
+        speed: 1.0,
+        dt: 0.1,
+    }
+}
+
+/// One velocity that no vehicle has is ignored. Two make no reverse of a drive that goes forward.
+#[test]
+fn velocities_that_leap() {
+    for (count, most) in [(1, 0.01), (2, 0.5)] {
+        for wrong in [
+            Velocity::new(100_000, 0),
+            Velocity::new(-40_000, 0),
+            Velocity::new(0, 100_000),
+            Velocity::new(i32::MAX, i32::MIN),
+        ] {
+            let settings = example::settings().estimator;
+            let mut estimator = Estimator::<f32>::new(settings, Position::new(0, 0)).unwrap();
+            for step in 0..100 {
+                estimator.step(&northward(step));
+            }
+            for step in 100..100 + count {
+                estimator.step(&Observation {
+                    velocity: Some(wrong),
+                    ..northward(step)
+                });
+                let estimate = estimator.estimate();
+                let off = (estimate.speed - 1.0).abs() + estimate.heading.abs();
+                assert!(count > 1 || off < most, "{wrong:?}: {estimate:?}");
+            }
+            for step in 100 + count..200 {
+                estimator.step(&northward(step));
+            }
+            let estimate = estimator.estimate();
+            let off = (estimate.speed - 1.0).abs() + estimate.heading.abs();
+            assert!(off < 0.05, "{count} of {wrong:?}: {estimate:?}");
+        }
+    }
+}
+
+/// Readings at the limits of their types leave no estimate that cannot recover.
+#[test]
+fn limits_of_the_types_do_no_lasting_harm() {
+    let settings = example::settings().estimator;
+    let largest = [f32::MAX, -f32::MAX, 1e19, -1e19, 1e4];
+    let far = [i32::MAX, i32::MIN, 1_000_000_000];
+    let mut bad: Vec<Observation<f32>> = Vec::new();
+    for value in largest {
+        bad.extend([
+            Observation {
+                speed: value,
+                ..northward(100)
+            },
+            Observation {
+                steering_rate: value,
+                ..northward(100)
+            },
+            Observation {
+                steering_angle: Some(value),
+                ..northward(100)
+            },
+            Observation {
+                dt: value.abs(),
+                ..northward(100)
+            },
+        ]);
+    }
+    for value in far {
+        bad.push(Observation {
+            velocity: Some(Velocity::new(value, value)),
+            ..northward(100)
+        });
+        bad.push(Observation {
+            position: Some(Position::new(value, value)),
+            ..northward(100)
+        });
+    }
+    for bad in bad {
+        let mut estimator = Estimator::<f32>::new(settings, Position::new(0, 0)).unwrap();
+        for step in 0..100 {
+            estimator.step(&northward(step));
+        }
+        for _ in 0..10 {
+            estimator.step(&bad);
+        }
+        estimator.set_gps_delay(1e38);
+        for step in 111..400 {
+            estimator.step(&northward(step));
+        }
+        let estimate = estimator.estimate();
+        assert!(estimator.is_ready(), "{bad:?}");
+        assert!(estimator.antenna_variance() < 0.01, "{bad:?}");
+        let along = (estimate.north + settings.geometry.l1 - 39.9).abs();
+        assert!(
+            along < 0.2 && estimate.heading.abs() < 0.02,
+            "{bad:?}: {estimate:?}"
+        );
+        assert!((estimator.drive() - 1.0).abs() < 0.1, "{bad:?}");
+        assert!((estimator.effectiveness() - 1.0).abs() < 0.8, "{bad:?}");
+    }
+}
+
 #[test]
 fn unusable_settings_are_named() {
     let good = example::settings::<f64>().estimator;

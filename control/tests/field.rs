@@ -121,6 +121,8 @@ struct Drive<'a> {
     reverse: bool,
     /// What the section has been told and not yet done, with its time.
     told: Vec<(f64, bool)>,
+    /// The speed at which the drive runs whatever it is told, m/s.
+    stuck: Option<f64>,
     /// What would have ended the run, with the time.
     departed: Option<(f64, Departure)>,
     figures: Figures,
@@ -154,6 +156,7 @@ impl<'a> Drive<'a> {
             on: false,
             reverse: false,
             told: Vec::new(),
+            stuck: None,
             departed: None,
             figures: Figures {
                 covered: vec![Vec::new(); (SIDE * 10.0) as usize],
@@ -176,14 +179,9 @@ impl<'a> Drive<'a> {
             steering_rate: self.applied.steering_rate as f32,
             speed: self.applied.speed as f32,
         };
-        let outcome = self.controller.step(&heard.sample(applied, period as f32));
-        let departure = self.watch.step(&Response {
-            applied,
-            steering_angle: Some(heard.steering_angle as f32),
-            velocity: Some(heard.velocity),
-            cross_track: Some(outcome.tracking.cross_track),
-            dt: period as f32,
-        });
+        let sample = heard.sample(applied, period as f32);
+        let outcome = self.controller.step(&sample);
+        let departure = self.watch.step(&Response::of(&sample, &outcome));
         let time = self.plant.time;
         self.departed = self.departed.or(departure.map(|what| (time, what)));
         // With the first velocities the estimate may still be poor.
@@ -257,9 +255,13 @@ impl<'a> Drive<'a> {
     /// Drives for a period. The section moves in it.
     fn travel(&mut self, period: f64) {
         let steps = (period / 0.001).round() as usize;
+        let command = Command {
+            speed: self.stuck.unwrap_or(self.applied.speed),
+            ..self.applied
+        };
         for _ in 0..steps {
             let before = self.plant.point(SECTION.ahead);
-            self.plant.drive(self.applied, 0.001);
+            self.plant.drive(command, 0.001);
             let (north, east) = self.plant.point(SECTION.ahead);
             while let Some(&(time, on)) = self.told.first()
                 && time <= self.plant.time
@@ -462,6 +464,79 @@ fn a_hectare_without_reverse() {
     let figures = forward.drive(1);
     figures.judge(forward.name);
     assert_eq!(figures.reversals, 0);
+}
+
+/// Drives until `begins` is true, and then with a drive that runs at `speed` (m/s) until the run ends, for 20 s at most. Returns
+/// how long it took and why, and the way, m.
+fn stuck(
+    speed: f64,
+    begins: impl Fn(&Drive<'_>) -> bool,
+    then: impl Fn(&mut Drive<'_>),
+) -> Option<(f64, Departure, f64)> {
+    let task = at_one();
+    let settings = Settings::<f32>::for_vehicle(&task.vehicle).unwrap();
+    let wanted = mission_settings(&settings, task.turn_speed);
+    let field = task.field();
+    let (legs, fence) = (field.legs_and_way_out::<f32>(), field.fence::<f32>());
+    let plan = Legs {
+        origin: Position::new(0, 0),
+        legs: &legs,
+        fence: &fence,
+        obstacles: &[],
+        end: End::Stop,
+    };
+    let mut run = Drive::new(&task, settings, &plan, wanted, 1);
+    run.plant.north -= 6.0;
+    while !begins(&run) {
+        assert!(!run.step() && run.departed.is_none());
+    }
+    let (begin, north, east) = (run.plant.time, run.plant.north, run.plant.east);
+    run.stuck = Some(if run.reverse { -speed } else { speed });
+    then(&mut run);
+    while run.departed.is_none() && run.plant.time < begin + 20.0 {
+        run.step();
+    }
+    let way = (run.plant.north - north).hypot(run.plant.east - east);
+    run.departed.map(|(time, what)| (time - begin, what, way))
+}
+
+/// A pause takes the command back to rest, whatever the vehicle does.
+#[test]
+fn a_drive_that_does_not_slow_ends_a_paused_run() {
+    for speed in [0.3, 0.5, 0.8, 1.0] {
+        let pause = |run: &mut Drive<'_>| run.controller.route_mut().pause();
+        let ended = stuck(speed, |run| run.plant.time > 30.0, pause);
+        println!("{speed}: {ended:?}");
+        let (time, what, _) = ended.unwrap();
+        assert_eq!(what, Departure::Speed, "{speed} m/s");
+        assert!(time < 7.0, "{speed} m/s: {time} s");
+    }
+}
+
+/// Where the direction changes, a drive that goes on leads beyond the end of the path's piece.
+#[test]
+fn a_drive_that_does_not_turn_back_ends_the_run() {
+    let before_change = |run: &Drive<'_>| {
+        let (stretch, progress) = (run.controller.route(), run.controller.progress());
+        let pieces = [progress.segment, progress.segment + 1].map(|it| stretch.piece(it));
+        match pieces {
+            [Some(piece), Some(next)] => {
+                piece.reverse != next.reverse && piece.segment.length - progress.along < 0.5
+            }
+            _ => false,
+        }
+    };
+    for speed in [0.3, 0.4, 0.49] {
+        let ended = stuck(speed, before_change, |_| ());
+        println!("{speed}: {ended:?}");
+        let (_, what, way) = ended.unwrap();
+        assert!(
+            matches!(what, Departure::Speed | Departure::Path),
+            "{what:?}"
+        );
+        // Half a metre to the end, one beyond it, half a second, and the age of the data.
+        assert!(way < 1.5 + 0.75 * speed + 0.1, "{speed} m/s: {way} m");
+    }
 }
 
 /// A pause stops the vehicle gently and switches the section off; afterwards the pass goes on.

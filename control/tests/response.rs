@@ -1,7 +1,7 @@
 //! Whether the vehicle does what it is told: the limits of the documentation, and that a sound vehicle keeps them.
 
 use control::feedback::Limits;
-use control::position::Velocity;
+use control::position::{Position, Velocity};
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety::Command;
 use proptest::prelude::*;
@@ -31,6 +31,10 @@ const SOUND: Response<f64> = Response {
         east: 0,
     }),
     cross_track: Some(0.0),
+    segment: 0,
+    along: 0.0,
+    heading_error: 0.0,
+    position: None,
     dt: 0.1,
 };
 
@@ -152,6 +156,103 @@ fn a_path_is_left_only_by_who_was_on_it() {
     assert_eq!(rows, None);
 }
 
+/// A vehicle that drives on beyond the end of its piece, where it was to change its direction, or back along it.
+#[test]
+fn a_vehicle_that_goes_back_on_its_path_is_stopped() {
+    let driven = |turns: i32| {
+        ended(move |step| {
+            let along = 0.1 * f64::from(step);
+            let turned = step > turns;
+            Response {
+                segment: usize::from(turned),
+                along: if turned {
+                    0.1 * f64::from(turns) - along
+                } else {
+                    along
+                },
+                ..SOUND
+            }
+        })
+    };
+    // 1 m, and half a second.
+    let stopped = driven(60);
+    assert!(
+        matches!(stopped, Some((74..=77, Departure::Path))),
+        "{stopped:?}"
+    );
+    let on = ended(|step| Response {
+        segment: (step / 61).unsigned_abs() as usize,
+        along: 0.1 * f64::from(step % 61),
+        ..SOUND
+    });
+    assert_eq!(on, None);
+}
+
+/// A law that swings about its path without getting onto it.
+#[test]
+fn a_vehicle_that_never_gets_onto_its_path_is_stopped() {
+    let mut watch = ResponseWatch::new(SETTINGS);
+    let swinging = |step: i32| Response {
+        cross_track: Some(2.0 * (f64::from(step) * 0.05).sin()),
+        ..SOUND
+    };
+    let ended = (1..=10_000).find_map(|step| Some((step, watch.step(&swinging(step))?)));
+    // 60 m and ten times 0.1 and 8 m, a decimetre each.
+    let (step, what) = ended.unwrap();
+    assert_eq!(what, Departure::Path);
+    assert!((1400..1420).contains(&step), "{step}");
+}
+
+/// A receiver that repeats its last position, and one that skips some, while the vehicle drives.
+#[test]
+fn positions_that_do_not_move_end_the_run() {
+    let moving = |until: i32, every: i32| {
+        ended(move |step| Response {
+            position: (step % every == 0).then(|| Position::new(100 * step.min(until), step % 3)),
+            ..SOUND
+        })
+    };
+    // 1 m, of which 2 s are remembered: seven steps; and half a second.
+    let frozen = moving(0, 1);
+    assert!(
+        matches!(frozen, Some((18..=21, Departure::Path))),
+        "{frozen:?}"
+    );
+    // Ways of before are forgotten to a fifth.
+    let later = moving(60, 1);
+    assert!(
+        matches!(later, Some((92..=98, Departure::Path))),
+        "{later:?}"
+    );
+    for every in [1, 2, 10] {
+        assert_eq!(moving(1000, every), None, "{every}");
+    }
+}
+
+#[test]
+fn a_distance_that_is_no_number_is_no_distance() {
+    for distance in [f64::NAN, f64::INFINITY] {
+        let found = ended(|_| Response {
+            cross_track: Some(distance),
+            ..SOUND
+        });
+        assert_eq!(found, Some((5, Departure::Path)), "{distance}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_is_told_to_stand_and_rolls_is_stopped() {
+    let rolling = |mm: i32| {
+        ended(move |_| Response {
+            applied: Command::still(),
+            velocity: Some(Velocity::new(mm, 0)),
+            ..SOUND
+        })
+    };
+    assert!(matches!(rolling(400), Some((20..=40, Departure::Speed))));
+    assert_eq!(rolling(200), None);
+}
+
 #[test]
 fn a_course_that_does_not_turn_with_the_wheels_is_found() {
     // 10 deg at 1 m/s and 1.1 m: 9.2 deg/s.
@@ -260,7 +361,7 @@ proptest! {
                     (1000.0 * real * sine).round() as i32,
                 )),
                 cross_track: None,
-                dt: 0.1,
+                ..SOUND
             });
             prop_assert_eq!(found, None, "step {}", step);
         }
@@ -280,7 +381,8 @@ proptest! {
                 steering_angle,
                 velocity: velocity.map(|(north, east)| Velocity::new(north, east)),
                 cross_track,
-                dt: 0.1,
+                along: speed,
+                ..SOUND
             });
         }
     }

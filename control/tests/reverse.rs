@@ -86,13 +86,11 @@ fn back(
             steering_rate: applied.steering_rate as f32,
             speed: applied.speed as f32,
         };
-        let outcome = controller.step(&heard.sample(command, vehicle.period as f32));
+        let sample = heard.sample(command, vehicle.period as f32);
+        let outcome = controller.step(&sample);
         let departure = watch.step(&Response {
-            applied: command,
-            steering_angle: Some(heard.steering_angle as f32),
-            velocity: Some(heard.velocity),
             cross_track: None,
-            dt: vehicle.period as f32,
+            ..Response::of(&sample, &outcome)
         });
         assert_eq!(departure, None);
         if controller.progress().segment == 1 {

@@ -367,7 +367,7 @@ impl<M: Machine> Pilot<M> {
             .pot
             .and_then(|count| M::POTENTIOMETER.angle(count).ok());
 
-        let outcome = self.controller.update(&Sample {
+        let sample = Sample {
             position: inputs.position,
             velocity: inputs.velocity,
             steering_angle,
@@ -375,7 +375,8 @@ impl<M: Machine> Pilot<M> {
             // While another one leads, the law has nothing to integrate.
             engaged: mode.source() == Source::Law && !by_other(lead),
             dt: M::PERIOD,
-        });
+        };
+        let outcome = self.controller.update(&sample);
         self.tracking = outcome.tracking;
         // A planner goes where it wants.
         self.finished = outcome.finished && lead != Lead::Planner;
@@ -407,11 +408,9 @@ impl<M: Machine> Pilot<M> {
                 speed: applied.speed * self.controller.drive(),
                 ..applied
             },
-            steering_angle,
-            velocity: inputs.velocity,
             cross_track: (!by_other(lead) && self.controller.has_path())
                 .then_some(outcome.tracking.cross_track),
-            dt: M::PERIOD,
+            ..Response::of(&sample, &outcome)
         });
         (self.decision(), change)
     }

@@ -52,13 +52,7 @@ fn ended(
     let mut see = |sample: &Sample<f32>, outcome: &Outcome<f32>| {
         if sample.engaged {
             steps += 1;
-            let found = watch.step(&Response {
-                applied: sample.applied,
-                steering_angle: sample.steering_angle,
-                velocity: sample.velocity,
-                cross_track: Some(outcome.tracking.cross_track),
-                dt: sample.dt,
-            });
+            let found = watch.step(&Response::of(sample, outcome));
             ended = ended.or(found.map(|what| (steps, what)));
         }
     };

@@ -355,6 +355,15 @@ impl<T: Scalar> Route<T> for Stretch<T> {
             .is_some_and(|piece| piece.reverse)
     }
 
+    fn stopping(&self, applied: T, dt: T) -> Option<T> {
+        let slower = applied - self.pace.deceleration * dt;
+        self.paused.then_some(if slower > self.pace.creep {
+            slower
+        } else {
+            T::zero()
+        })
+    }
+
     fn speed(&self, progress: &Progress<T>, speed: T) -> Option<T> {
         let allowed = self.allowed(progress, speed);
         // What the drive does in its lag.

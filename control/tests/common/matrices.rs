@@ -25,6 +25,8 @@ pub(crate) struct Matrices {
     /// The same behind a longer one.
     lasting: f64,
     stray_speed: f64,
+    /// The speed that the last velocity told, plausible or not.
+    last_size: f64,
     /// The speed that an update showed, and the commanded one.
     measured: Option<[f64; 2]>,
     /// By how much each prediction changed steering angle and speed, the newest first.
@@ -66,6 +68,7 @@ impl Matrices {
             lasting: 0.0,
             stray_speed: 0.0,
             measured: None,
+            last_size: 0.0,
             past: Vec::new(),
             ready: false,
             outliers: 0,
@@ -218,12 +221,22 @@ impl Matrices {
     fn see_speed(&mut self, velocity: Velocity, seen: &Observation<f64>) -> Option<(f64, f64)> {
         let (north, east) = velocity.metres_per_second::<f64>();
         let size = north.hypot(east);
-        let sign = if self.speed < 0.0 { -1.0 } else { 1.0 };
+        let surely = 2.0 * self.settings.standstill;
+        let told =
+            self.driven.abs().min(self.lasting.abs()) > surely && self.driven * self.lasting > 0.0;
+        let direction = if told { self.driven } else { self.speed };
+        let sign = if direction < 0.0 { -1.0 } else { 1.0 };
         let length = self.settings.geometry.wheelbase();
         let [[turned, _], [gained, _]] = self.since(seen.dt);
         let then = self.state[3] - turned;
         let inside = self.settings.antenna.right * then.tan() / length;
-        let measured = sign * size * self.lead(then).cos() / (1.0 - inside);
+        let real = size * self.lead(then).cos() / (1.0 - inside);
+        let before = std::mem::replace(&mut self.last_size, real);
+        let leap = |from: f64| (real - from.abs()).abs() > 3.0;
+        if leap(self.speed) && leap(before) || real > 50.0 {
+            return None;
+        }
+        let measured = sign * real;
         self.measured = Some([measured + gained, seen.speed]);
         let error = measured - (self.speed - gained);
         let explained = 2.0 * self.settings.noise.velocity + 0.05;
