@@ -19,7 +19,7 @@
 //! | way along a piece of the path, once it was near | | | 1 m less than before | 0.5 s |
 //! | way to the path | | | 60 m and ten times distance and `reach` | |
 //! | way of the positions with that of the velocities | 2 s, or 2 m | 1 m | a fifth | 0.5 s |
-//! | way or time without a speed that tells a heading | | | 3 m or 3 s | |
+//! | way or time without a speed that tells a heading | | | 3 m, or [`ResponseSettings::patience`]: 3 s as a rule | |
 //!
 //! Half a second, because a steering that follows two steps late may be behind for up to four when the command
 //! reverses. A fifth and a quarter are far from what a sound vehicle shows: 70 % of the steering's rate when
@@ -50,7 +50,7 @@
 //!   on, -ln(0.1 / v) + dt + 2 s and the next velocity: until the filter has forgotten what was asked for before.
 //! * Positions that do not move while the velocities are those of a speed v: -2 ln(1 - 1 m / (2 v)) + dt + 0.5 s, at 1 m/s 2.0 s,
 //!   and if they moved before, these ways are first forgotten to a fifth: -2 ln(0.2) + dt + 0.5 s = 3.8 s.
-//! * A heading that is not known: 3 s or 3 m, and a step. A vehicle that stops shows a heading until it stands.
+//! * A heading that is not known: 3 s (`patience`) or 3 m, and a step. A vehicle that stops shows a heading until it stands.
 //!
 //! A fault that asks for less than the thresholds does harm only by leading away from the path. That ends the run
 //! whatever its cause: a vehicle at speed v that was on its path is at most 1 m + v (0.5 s + dt) away from it, and one
@@ -99,6 +99,8 @@ pub struct ResponseSettings<T> {
     pub antenna_right: T,
     /// Speed up to which a velocity does not tell a heading, m/s, positive.
     pub standstill: T,
+    /// How long a command may have no speed that tells a heading, s, positive: the vehicle has to gather speed.
+    pub patience: T,
     /// How much farther from its path the vehicle may go before it comes onto it, m, positive: it may have to turn
     /// round.
     pub reach: T,
@@ -114,9 +116,19 @@ impl<T: Scalar> ResponseSettings<T> {
             antenna_ahead: settings.estimator.geometry.l1,
             antenna_right: settings.estimator.antenna.right,
             standstill: settings.estimator.standstill,
+            patience: patience(settings),
             reach: reach(settings),
         }
     }
+}
+
+/// How long a vehicle takes to a speed that tells its heading: half as long again as its acceleration says, its lag, and the age of
+/// the data. At least 3 s, and a second and a half for the time between velocities and their noise.
+fn patience<T: Scalar>(settings: &Settings<T>) -> T {
+    let estimator = &settings.estimator;
+    let gathers = T::lit(1.5) * estimator.standstill / settings.slew.speed;
+    let behind = T::lit(1.4) * estimator.drive_lag + estimator.gps_delay;
+    T::lit(3.0).max(T::lit(1.5) + gathers + behind)
 }
 
 /// How far a vehicle goes away from its path that it faces away from: until the heading is known and the steering has
@@ -596,7 +608,6 @@ impl<T: Scalar> ResponseWatch<T> {
             self.blind_way += asked * seen.dt;
             self.blind_time += seen.dt;
         }
-        let limit = T::lit(3.0);
-        self.blind_way >= limit || self.blind_time >= limit
+        self.blind_way >= T::lit(3.0) || self.blind_time >= self.settings.patience
     }
 }

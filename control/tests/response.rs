@@ -1,9 +1,14 @@
 //! Whether the vehicle does what it is told: the limits of the documentation, and that a sound vehicle keeps them.
 
+mod common;
+
+use common::example::VEHICLE;
+use control::controller::Settings;
 use control::feedback::Limits;
 use control::position::{Position, Velocity};
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety::Command;
+use control::vehicle::Description;
 use proptest::prelude::*;
 
 const SETTINGS: ResponseSettings<f64> = ResponseSettings {
@@ -16,6 +21,7 @@ const SETTINGS: ResponseSettings<f64> = ResponseSettings {
     antenna_ahead: 0.255,
     antenna_right: 0.0,
     standstill: 0.2,
+    patience: 3.0,
     reach: 8.0,
 };
 
@@ -154,6 +160,37 @@ fn a_path_is_left_only_by_who_was_on_it() {
         ..SOUND
     });
     assert_eq!(rows, None);
+}
+
+/// A vehicle with a tenth of a metre per second and second, and a drive that is a second behind, has time to start.
+#[test]
+fn a_slow_start_is_no_departure() {
+    let slow = Description {
+        acceleration: 0.1,
+        drive_lag: 1.0,
+        ..VEHICLE
+    };
+    let settings = |vehicle: &Description| {
+        ResponseSettings::of(&Settings::<f64>::for_vehicle(vehicle).unwrap())
+    };
+    assert!((settings(&VEHICLE).patience - 3.0).abs() < 1e-9);
+    let patience = settings(&slow).patience;
+    assert!((5.5..7.0).contains(&patience), "{patience}");
+    let mut watch = ResponseWatch::new(settings(&slow));
+    let started = |time: f64| Response {
+        applied: Command {
+            steering_rate: 0.0,
+            speed: (0.1 * time).min(0.3),
+        },
+        velocity: Some(Velocity::new(
+            (100.0 * (time - 1.0 + (-time).exp())) as i32,
+            0,
+        )),
+        ..SOUND
+    };
+    for step in 1..=60 {
+        assert_eq!(watch.step(&started(f64::from(step) * 0.1)), None, "{step}");
+    }
 }
 
 /// A vehicle that drives on beyond the end of its piece, where it was to change its direction, or back along it.
