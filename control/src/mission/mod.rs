@@ -266,7 +266,8 @@ impl<T: Scalar> MissionSettings<T> {
     /// Whether a leg or a turn may be driven at `speed`, m/s. Numbers in single precision come with rounding errors.
     pub(crate) fn may_drive(&self, speed: T) -> bool {
         let rounding = T::lit(1e-5);
-        speed >= self.slowest * (T::one() - rounding) && speed <= self.top_speed * (T::one() + rounding)
+        speed >= self.slowest * (T::one() - rounding)
+            && speed <= self.top_speed * (T::one() + rounding)
     }
 
     /// The ground that a path keeps free: the vehicle's own, with the clearance about it.
