@@ -19,6 +19,19 @@ pub struct Pose<T> {
     pub heading: T,
 }
 
+/// Largest heading that a planner takes, rad, in size: of a larger one, rounding errors hide the direction in single
+/// precision.
+pub const LARGEST_HEADING: f64 = 1000.0;
+
+impl<T: Scalar> Pose<T> {
+    /// Whether a path can lead from or to this pose.
+    pub(crate) fn is_usable(&self) -> bool {
+        self.north.is_finite()
+            && self.east.is_finite()
+            && self.heading.abs() <= T::lit(LARGEST_HEADING)
+    }
+}
+
 /// The kind of one piece of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
@@ -56,7 +69,8 @@ pub struct DubinsPath<T> {
 pub enum DubinsError {
     /// The radius is not a positive number.
     Radius,
-    /// A coordinate or the heading of a pose is not a finite number.
+    /// A coordinate of a pose is not a finite number, or so large that its square is none in radii, or the heading is
+    /// beyond [`LARGEST_HEADING`].
     Pose,
 }
 
@@ -64,7 +78,9 @@ impl core::fmt::Display for DubinsError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Radius => "the turning radius is not a positive number",
-            Self::Pose => "a coordinate or heading of a pose is not a finite number",
+            Self::Pose => {
+                "a coordinate of a pose is not a finite number or too large, or its heading is beyond 1000 rad"
+            }
         })
     }
 }
@@ -114,7 +130,7 @@ pub fn advance<T: Scalar>(start: Pose<T>, curvature: T, length: T) -> Pose<T> {
 /// metres.
 ///
 /// # Errors
-/// [`DubinsError`] if the radius is not positive or a pose is not finite.
+/// [`DubinsError`] if the radius is not positive or a pose is not usable.
 pub fn shortest<T: Scalar>(
     start: Pose<T>,
     end: Pose<T>,
@@ -123,10 +139,7 @@ pub fn shortest<T: Scalar>(
     if !(radius.is_finite() && radius > T::zero()) {
         return Err(DubinsError::Radius);
     }
-    let finite = |pose: &Pose<T>| {
-        pose.north.is_finite() && pose.east.is_finite() && pose.heading.is_finite()
-    };
-    if !(finite(&start) && finite(&end)) {
+    if !(start.is_usable() && end.is_usable()) {
         return Err(DubinsError::Pose);
     }
     // Lengths are in units of the radius, and the end lies on the first axis
@@ -135,6 +148,9 @@ pub fn shortest<T: Scalar>(
     let north = (end.north - start.north) / radius;
     let east = (end.east - start.east) / radius;
     let distance = (north * north + east * east).root();
+    if !distance.is_finite() {
+        return Err(DubinsError::Pose);
+    }
     let bearing = east.angle_of(north);
     let alpha = turn_forward(start.heading - bearing);
     let beta = turn_forward(end.heading - bearing);
@@ -154,19 +170,26 @@ pub fn shortest<T: Scalar>(
     let mut best: Option<[(Turn, T); 3]> = None;
     let shorter = fewer_pieces(distance, alpha, beta, rounding);
     for pieces in words.into_iter().chain(shorter).flatten() {
-        if best
-            .as_ref()
-            .is_none_or(|best| length(&pieces) < length(best))
+        // Far away a length may be NaN, than which none is shorter.
+        if length(&pieces).is_finite()
+            && best
+                .as_ref()
+                .is_none_or(|best| length(&pieces) < length(best))
         {
             best = Some(pieces);
         }
     }
-    // Two arcs to the same side, joined by a straight piece, always exist.
+    // Two arcs to the same side, joined by a straight piece, exist for every pose that is not so far away.
     let pieces = best.ok_or(DubinsError::Pose)?;
-    Ok(DubinsPath {
+    let path = DubinsPath {
         pieces: pieces.map(|(turn, length)| (turn, length * radius)),
         radius,
-    })
+    };
+    if path.length().is_finite() {
+        Ok(path)
+    } else {
+        Err(DubinsError::Pose)
+    }
 }
 
 /// The shortest path from `start` to any point of the northward line through
@@ -174,7 +197,7 @@ pub fn shortest<T: Scalar>(
 /// error, `start.heading` the heading error.
 ///
 /// # Errors
-/// [`DubinsError`] if the radius is not positive or the pose is not finite.
+/// [`DubinsError`] if the radius is not positive or the pose is not usable.
 pub fn shortest_to_line<T: Scalar>(
     start: Pose<T>,
     radius: T,

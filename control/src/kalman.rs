@@ -11,7 +11,7 @@ use nalgebra::{SMatrix, SVector};
 /// Why no filter exists, or why a step of it failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KalmanError {
-    /// An entry of F or H is NaN or infinite.
+    /// An entry of F, G or H is NaN or infinite.
     ModelNotFinite,
     /// The process noise is not finite, symmetric and positive semidefinite.
     ProcessNoise,
@@ -28,12 +28,16 @@ pub enum KalmanError {
     IllConditioned,
     /// A measurement is NaN or infinite. The filter is unchanged.
     MeasurementNotFinite,
+    /// An input of the model is NaN or infinite. The filter is unchanged.
+    InputNotFinite,
+    /// The estimate or its covariance is NaN or infinite, or would become so. The filter is unchanged.
+    EstimateNotFinite,
 }
 
 impl core::fmt::Display for KalmanError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::ModelNotFinite => "an entry of F or H is not a finite number",
+            Self::ModelNotFinite => "an entry of F, G or H is not a finite number",
             Self::ProcessNoise => "the process noise is not symmetric and positive semidefinite",
             Self::MeasurementNoise => {
                 "the measurement noise is not symmetric and positive definite"
@@ -45,6 +49,8 @@ impl core::fmt::Display for KalmanError {
             }
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
             Self::MeasurementNotFinite => "a measurement is not a finite number",
+            Self::InputNotFinite => "an input of the model is not a finite number",
+            Self::EstimateNotFinite => "the estimate or its covariance is not a finite number",
         })
     }
 }
@@ -110,15 +116,38 @@ pub struct Kalman<T, const N: usize> {
 
 impl<T: Scalar, const N: usize> Kalman<T, N> {
     /// Time update: advances the estimate by one period of `model` with input
-    /// `u`. `q` (N x N) is the covariance of the process noise over the period.
+    /// `u`. `q` (N x N, positive semidefinite) is the covariance of the process noise over the period.
+    ///
+    /// # Errors
+    /// [`KalmanError`] names the input at fault. The filter is then unchanged.
     pub fn predict<const M: usize>(
         &mut self,
         model: &Discrete<T, N, M>,
         u: &SVector<T, M>,
         q: &SMatrix<T, N, N>,
-    ) {
-        self.state = model.f * self.state + model.g * u;
-        self.covariance = symmetric_part(&(model.f * self.covariance * model.f.transpose() + q));
+    ) -> Result<(), KalmanError> {
+        if !(is_finite(&model.f) && is_finite(&model.g)) {
+            return Err(KalmanError::ModelNotFinite);
+        }
+        if !is_finite(u) {
+            return Err(KalmanError::InputNotFinite);
+        }
+        if !(is_finite(q) && is_symmetric(q) && is_positive(q, false)) {
+            return Err(KalmanError::ProcessNoise);
+        }
+        self.become_finite(Self {
+            state: model.f * self.state + model.g * u,
+            covariance: symmetric_part(&(model.f * self.covariance * model.f.transpose() + q)),
+        })
+    }
+
+    /// Takes what follows from a step, unless it is not finite.
+    fn become_finite(&mut self, next: Self) -> Result<(), KalmanError> {
+        if !(is_finite(&next.state) && is_finite(&next.covariance)) {
+            return Err(KalmanError::EstimateNotFinite);
+        }
+        *self = next;
+        Ok(())
     }
 
     /// Measurement update by `z` = `h` x + v, where v has the covariance `r`
@@ -136,13 +165,20 @@ impl<T: Scalar, const N: usize> Kalman<T, N> {
         if !is_finite(z) {
             return Err(KalmanError::MeasurementNotFinite);
         }
+        if !is_finite(h) {
+            return Err(KalmanError::ModelNotFinite);
+        }
         if !(is_finite(r) && is_symmetric(r) && is_positive(r, true)) {
             return Err(KalmanError::MeasurementNoise);
         }
+        if !(is_finite(&self.state) && is_finite(&self.covariance)) {
+            return Err(KalmanError::EstimateNotFinite);
+        }
         let gain = gain_of(&self.covariance, h, r).ok_or(KalmanError::IllConditioned)?;
-        self.state += gain * (z - h * self.state);
-        self.covariance = joseph(&self.covariance, &gain, h, r);
-        Ok(())
+        self.become_finite(Self {
+            state: self.state + gain * (z - h * self.state),
+            covariance: joseph(&self.covariance, &gain, h, r),
+        })
     }
 }
 

@@ -130,8 +130,11 @@ fn from_doubling<T: Scalar, const N: usize, const M: usize>(
 /// regulator for a weight on all states: from any stabilising gain the costs
 /// fall towards the largest solution, which is the stabilising one (Hewer 1971).
 ///
-/// Where that does not exist, each step halves the distance of the closed loop's
-/// pole to the unit circle, until it cannot be told from the circle.
+/// Where that does not exist, each step halves the product of the distances of the
+/// closed loop's poles to the unit circle. One pole cannot be told from the circle
+/// after some 45 steps. With a chain of integrators the distances are alike, and the
+/// steps end before: a solution that still changes is none. One that has been
+/// found changes by rounding errors alone, for the last steps square its error.
 fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
     model: &Discrete<T, N, M>,
     q: &SMatrix<T, N, N>,
@@ -149,6 +152,7 @@ fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
     let gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
     // The cost of this gain is finite if it stabilises.
     let mut regulator = newton_step(model, q, r, &gain)?;
+    let mut found = false;
     for _ in 0..64 {
         let next = newton_step(model, q, r, &regulator.gain).map_err(|error| match error {
             RegulatorError::NotStabilisable => RegulatorError::UnweightedMode,
@@ -156,11 +160,13 @@ fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
         })?;
         let change = (next.cost - regulator.cost).amax();
         regulator = next;
-        if change <= regulator.cost.amax() * T::default_epsilon() * T::lit(4.0) {
+        let size = regulator.cost.amax();
+        found = change <= size * T::default_epsilon().root();
+        if change <= size * T::default_epsilon() * T::lit(4.0) {
             break;
         }
     }
-    if stabilises(model, r, &regulator) {
+    if found && stabilises(model, r, &regulator) {
         Ok(regulator)
     } else {
         Err(RegulatorError::UnweightedMode)

@@ -94,21 +94,10 @@ impl<T: Scalar> Segment<T> {
                 bearing: self.start.heading,
             };
         }
-        // Relative to the arc's centre, along and across the initial heading.
-        let radius = T::one() / self.curvature;
-        let sign = if radius > T::zero() {
-            T::one()
-        } else {
-            -T::one()
-        };
-        let inward = right - radius;
-        let distance = (along * along + inward * inward).root();
-        let turned = sign * along.angle_of(-sign * inward);
-        let before = self.curvature * near;
-        let turned = before + wrap_angle(turned - before);
+        let (along, turned, cross_track) = beside_arc(self.curvature, along, right, near);
         Place {
-            along: turned * radius,
-            cross_track: radius - sign * distance,
+            along,
+            cross_track,
             bearing: wrap_angle(self.start.heading + turned),
         }
     }
@@ -223,6 +212,67 @@ impl<T: Scalar> Segment<T> {
     pub fn end(&self) -> Pose<T> {
         travel(self.start, self.curvature, self.sharpness, self.length)
     }
+}
+
+/// Way along an arc of `curvature` (1/m, not zero) to the place nearest to the point `ahead` of
+/// its beginning and to the `right` of it (m), heading there relative to that at the beginning
+/// (rad), and distance of the point to the right of the arc (m). Of all ways that differ by whole
+/// rounds, that nearest to `near` (m) is meant.
+fn beside_arc<T: Scalar>(curvature: T, ahead: T, right: T, near: T) -> (T, T, T) {
+    let (way, turned, cross_track) = if curvature.abs() * (ahead.abs() + right.abs()) <= T::one() {
+        within_radius(curvature, ahead, right)
+    } else {
+        beyond_radius(curvature, ahead, right)
+    };
+    let missing = turned - curvature * near;
+    if missing.abs() <= T::pi() {
+        return (way, turned, cross_track);
+    }
+    // With so many rounds that rounding errors hide them, any place of the last one is as good.
+    let missing = if missing.abs() * T::default_epsilon() < T::one() {
+        wrap_angle(missing)
+    } else {
+        T::zero()
+    };
+    (near + missing / curvature, turned, cross_track)
+}
+
+/// [`beside_arc`] for a point that is closer to the beginning than the radius. The difference
+/// between the radius and the distance from the centre would lose all digits on a wide arc: with
+/// curvature k, x ahead and y to the right it is expanded to
+/// (2 y - k (x^2 + y^2)) / (1 + root((k x)^2 + (1 - k y)^2)).
+fn within_radius<T: Scalar>(curvature: T, ahead: T, right: T) -> (T, T, T) {
+    // From the centre, in radii.
+    let (across, inward) = (curvature * ahead, T::one() - curvature * right);
+    let distance = (across * across + inward * inward).root();
+    let cross_track = (right * (T::one() + inward) - ahead * across) / (T::one() + distance);
+    // The quotient of the angle and a subnormal curvature has few digits. The series for the
+    // arctangent of a small ratio needs no division by the curvature.
+    if across.abs() <= inward * T::lit(1e-3) {
+        let ratio = across / inward;
+        let square = ratio * ratio;
+        let share = T::one() - square * (T::lit(1.0 / 3.0) - square * T::lit(0.2));
+        let way = ahead / inward * share;
+        (way, curvature * way, cross_track)
+    } else {
+        let turned = across.angle_of(inward);
+        (turned / curvature, turned, cross_track)
+    }
+}
+
+/// [`beside_arc`] for a point that is farther from the beginning than the radius, where curvature
+/// times distance can be too large a number.
+fn beyond_radius<T: Scalar>(curvature: T, ahead: T, right: T) -> (T, T, T) {
+    let radius = T::one() / curvature;
+    let side = if radius > T::zero() {
+        T::one()
+    } else {
+        -T::one()
+    };
+    let inward = radius - right;
+    let distance = (ahead * ahead + inward * inward).root();
+    let turned = (side * ahead).angle_of(side * inward);
+    (turned * radius, turned, radius - side * distance)
 }
 
 /// Segments in driving order. The first one continues backwards beyond its

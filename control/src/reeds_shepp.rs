@@ -69,7 +69,7 @@ fn reached<T: Scalar>(start: Pose<T>, pieces: &Pieces<T>, radius: T) -> Pose<T> 
 /// single precision within 2e-3.
 ///
 /// # Errors
-/// [`DubinsError`] if the radius is not positive or a pose is not finite.
+/// [`DubinsError`] if the radius is not positive or a pose is not usable.
 pub fn shortest<T: Scalar>(
     start: Pose<T>,
     end: Pose<T>,

@@ -28,6 +28,12 @@ use crate::scalar::{Scalar, wrap_angle};
 /// either end.
 pub const PARTS: usize = 11;
 
+/// Smallest distance of the poses that are compared with the room, m.
+pub const FINEST: f64 = 0.01;
+
+/// Longest turn, m. With [`FINEST`] it bounds the number of steps of a plan. A mission spans 8 km in north and east.
+pub const LONGEST: f64 = 50_000.0;
+
 /// Poses that a step compares with the room.
 const POSES: usize = 8;
 
@@ -201,7 +207,7 @@ pub struct TurnSettings<T> {
     /// Way that a change of direction counts as, m, not negative. The shortest turn is chosen by
     /// its length and this.
     pub stop_cost: T,
-    /// Distance of the poses that are compared with the room that there is, m, positive.
+    /// Distance of the poses that are compared with the room that there is, m, [`FINEST`] or more.
     pub spacing: T,
 }
 
@@ -232,6 +238,7 @@ impl<T: Scalar> TurnSettings<T> {
         positive(self.curvature)
             && positive(self.sharpness)
             && positive(self.spacing)
+            && self.spacing >= T::lit(FINEST)
             && way(self.lead_in)
             && way(self.lead_out)
             && way(self.stop_cost)
@@ -241,11 +248,12 @@ impl<T: Scalar> TurnSettings<T> {
 /// Why there is no turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TurnError {
-    /// A setting is not finite, or negative, or zero where it must not be.
+    /// A setting is not finite, or negative, or zero or too small where it must not be.
     Settings,
-    /// A coordinate or the heading of a pose is not a finite number.
+    /// A coordinate of a pose is not a finite number, or the heading is beyond
+    /// [`LARGEST_HEADING`](crate::dubins::LARGEST_HEADING).
     Pose,
-    /// There is no room for a turn.
+    /// There is no room for a turn, or none of up to [`LONGEST`] metres.
     NoRoom,
 }
 
@@ -253,7 +261,9 @@ impl core::fmt::Display for TurnError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Settings => "a setting of the turn is out of range",
-            Self::Pose => "a coordinate or heading of a pose is not a finite number",
+            Self::Pose => {
+                "a coordinate of a pose is not a finite number, or its heading is beyond 1000 rad"
+            }
             Self::NoRoom => "there is no room for a turn",
         })
     }
@@ -397,7 +407,9 @@ struct Candidate<T> {
     cost: T,
     turn: Turn<T>,
     part: usize,
-    along: T,
+    /// The pose of that part, counted from zero. A distance that grows by the spacing would stall where that is less
+    /// than its rounding error.
+    pose: i32,
     start: Pose<T>,
 }
 
@@ -415,10 +427,7 @@ impl<T: Scalar> TurnPlan<T> {
             return Err(TurnError::Settings);
         }
         let circle = Circle::of(settings);
-        let finite = |pose: &Pose<T>| {
-            pose.north.is_finite() && pose.east.is_finite() && pose.heading.is_finite()
-        };
-        if !(finite(&start) && finite(&end)) {
+        if !(start.is_usable() && end.is_usable()) {
             return Err(TurnError::Pose);
         }
         Ok(Self {
@@ -437,8 +446,9 @@ impl<T: Scalar> TurnPlan<T> {
     }
 
     /// One step: computes one word, or compares up to eight poses of a turn with the room.
-    /// Returns the result with the last step. A plan takes at most 16 steps and one for each
-    /// eight poses of its turns.
+    /// Returns the result with the last step. A plan takes 17 steps, and one for each
+    /// eight poses of its turns, begun ones too. A part of a turn has a pose at its beginning, and at
+    /// each [`TurnSettings::spacing`].
     pub fn step<B: Room<T>>(&mut self, room: &B) -> Option<Result<Turn<T>, TurnError>> {
         if let Some(mut candidate) = self.candidate.take() {
             match candidate.compare(room, self.settings.spacing) {
@@ -461,7 +471,7 @@ impl<T: Scalar> TurnPlan<T> {
                     cost,
                     turn,
                     part: 0,
-                    along: T::zero(),
+                    pose: 0,
                     start: self.start,
                 });
             }
@@ -521,6 +531,9 @@ impl<T: Scalar> TurnPlan<T> {
         if turn.reversals() > 0 && !settings.reverse {
             return None;
         }
+        if !(turn.length() <= T::lit(LONGEST)) {
+            return None;
+        }
         // A word that does not end where it should was computed from a root of a rounding
         // error.
         let reached = turn.end(origin);
@@ -549,14 +562,14 @@ impl<T: Scalar> Candidate<T> {
             let Some(part) = self.turn.parts().get(self.part) else {
                 return Compared::Inside;
             };
-            if !room.allows(&part.pose(self.start, self.along)) {
+            if !room.allows(&part.pose(self.start, T::integer(self.pose) * spacing)) {
                 return Compared::Outside;
             }
-            self.along += spacing;
-            if !(self.along < part.length) {
+            self.pose = self.pose.saturating_add(1);
+            if !(T::integer(self.pose) * spacing < part.length) {
                 self.start = part.end(self.start);
                 self.part += 1;
-                self.along = T::zero();
+                self.pose = 0;
             }
         }
         Compared::Further

@@ -496,9 +496,7 @@ impl Description {
                 // divided by the cornering coefficient. That share is the
                 // lateral acceleration divided by gravity.
                 rear_slip: 1.0 / self.cornering / GRAVITY,
-                // Below this speed the noise turns the velocity vector by more
-                // than 0.15 rad.
-                standstill: self.sensors.velocity / 0.15,
+                standstill: standstill(self.sensors.velocity),
                 expected: self.expected(),
             },
             limits: self.limits,
@@ -523,6 +521,13 @@ impl Description {
             controlled_point: self.geometry.l1.max(0.0),
         })
     }
+}
+
+/// The speed up to which a velocity tells no heading, m/s, if its components have a standard deviation of `noise` (m/s):
+/// of a slower vehicle, the noise turns the velocity by more than 0.15 rad.
+#[must_use]
+pub fn standstill(noise: f64) -> f64 {
+    noise / 0.15
 }
 
 /// `value` rounded to nine significant digits, enough for single precision. So

@@ -3,9 +3,11 @@
 
 mod common;
 
+use common::example::VEHICLE;
 use common::{Conditions, Noise, Plant, random};
 use control::controller::{Controller, Sample, Settings};
 use control::line::Line;
+use control::mission::slowest;
 use control::position::Position;
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety::Command;
@@ -101,6 +103,19 @@ fn drive(
     seconds: f64,
 ) -> Course {
     let settings = Settings::<f32>::for_vehicle(&vehicle).unwrap();
+    drive_by(settings, vehicle, conditions, seed, fault, after, seconds)
+}
+
+/// The same with other settings of the law.
+fn drive_by(
+    settings: Settings<f32>,
+    vehicle: Description,
+    conditions: Conditions,
+    seed: u64,
+    fault: Fault,
+    after: f64,
+    seconds: f64,
+) -> Course {
     let line = Line::new(Position::new(0, 0), Position::new(5_000_000, 0)).unwrap();
     let mut controller = Controller::new(settings, line).unwrap();
     let mut watch = ResponseWatch::new(ResponseSettings::of(&settings));
@@ -224,6 +239,29 @@ fn a_sound_vehicle_goes_on() {
             course.ended, None,
             "seed {seed}, {conditions:?}, {vehicle:?}"
         );
+    }
+}
+
+/// With 30 % of slip the vehicle follows a leg of the smallest speed that a mission may have. Half of that leaves it
+/// without a heading, which ends the run.
+#[test]
+fn the_slowest_leg_is_driven() {
+    let settings = Settings::<f32>::for_vehicle(&VEHICLE).unwrap();
+    let slowest = slowest(settings.estimator.standstill);
+    for seed in 0..40 {
+        let conditions = Conditions {
+            offset: 0.3,
+            drive: 0.7,
+            velocity_noise: VEHICLE.sensors.velocity,
+            ..Conditions::default()
+        };
+        let at = |cruise: f32| {
+            let settings = Settings { cruise, ..settings };
+            drive_by(settings, VEHICLE, conditions, seed, Fault::None, 0.0, 60.0).ended
+        };
+        assert_eq!(at(slowest), None, "seed {seed}");
+        let ended = at(0.5 * slowest).map(|(_, why)| why);
+        assert_eq!(ended, Some(Departure::Heading), "seed {seed}");
     }
 }
 

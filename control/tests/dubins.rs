@@ -131,3 +131,27 @@ fn bad_input_is_named() {
     };
     assert_eq!(shortest(pose, lost, 1.0), Err(DubinsError::Pose));
 }
+
+/// A heading of which rounding errors hide the direction, and a place whose square in radii is no number, are refused.
+/// Either gave a path of which no length is known.
+#[test]
+fn poses_without_a_direction_or_a_distance_are_refused() {
+    let at = |north: f32, heading: f32| Pose {
+        north,
+        east: 2.0,
+        heading,
+    };
+    let near = at(0.0, 0.3);
+    for lost in [f32::MAX, f32::MIN, 1e7, -1001.0].map(|heading| at(1.0, heading)) {
+        for found in [shortest(lost, near, 2.0), shortest(near, lost, 2.0)] {
+            assert_eq!(found, Err(DubinsError::Pose), "{lost:?}");
+        }
+    }
+    for (far, radius) in [(f32::MAX, 2.0), (1e20, 1.0), (1.0, 1e-40)] {
+        let found = shortest(near, at(far, 0.3), radius);
+        assert_eq!(found, Err(DubinsError::Pose), "{far} {radius}");
+    }
+    // As far as the squares are numbers, there is a path.
+    let path = shortest(near, at(1e15, 999.0), 1.0).unwrap();
+    assert!((path.length() / 1e15 - 1.0).abs() < 1e-3, "{path:?}");
+}

@@ -8,6 +8,7 @@ use control::design::with_integral;
 use control::discretise::zero_order_hold;
 use control::estimator::{Estimator, EstimatorError, EstimatorSettings, Observation, Update};
 use control::kalman::{Kalman, KalmanError, steady_state, with_biases};
+use control::model::Discrete;
 use control::position::{Position, Velocity};
 use nalgebra::{Matrix1, SMatrix, SVector};
 
@@ -64,7 +65,7 @@ fn time_varying_filter_converges_to_the_steady_one() {
     for step in 0..3000 {
         let u = SVector::<f64, 1>::new(0.2 * (f64::from(step) * 0.05).sin());
         truth = sampled.f * truth + sampled.g * u;
-        filter.predict(&sampled, &u, &q);
+        filter.predict(&sampled, &u, &q).unwrap();
         filter.correct(&(h * truth), &h, &r).unwrap();
     }
     let difference = (filter.covariance - steady.corrected).amax() / steady.corrected.amax();
@@ -108,6 +109,63 @@ fn filters_that_cannot_be_are_named() {
         steady_state(&one, &one, &one, &zero),
         Err(KalmanError::MeasurementNoise)
     );
+}
+
+/// A step of the filter whose input or result is no number is refused by name, and leaves the filter as it was.
+#[test]
+fn steps_that_cannot_be_are_named_and_change_nothing() {
+    let one = Matrix1::new(1.0_f64);
+    let model = Discrete { f: one, g: one };
+    let first = Kalman {
+        state: SVector::<f64, 1>::new(2.0),
+        covariance: one,
+    };
+    let lost = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(Matrix1::new);
+    let predicted = |model: Discrete<f64, 1, 1>, u, q| {
+        let mut filter = first;
+        let result = filter.predict(&model, &u, &q);
+        assert!(result.is_ok() || filter == first, "{filter:?}");
+        result
+    };
+    let corrected = |first: Kalman<f64, 1>, z, h, r| {
+        let mut filter = first;
+        let result = filter.correct(&z, &h, &r);
+        // A state of NaN is not equal to itself.
+        let bits =
+            |filter: &Kalman<f64, 1>| [filter.state[0], filter.covariance[0]].map(f64::to_bits);
+        assert!(
+            result.is_ok() || bits(&filter) == bits(&first),
+            "{filter:?}"
+        );
+        result
+    };
+    for x in lost {
+        let lost_model = Discrete { f: x, g: one };
+        assert_eq!(predicted(model, x, one), Err(KalmanError::InputNotFinite));
+        assert_eq!(predicted(model, one, x), Err(KalmanError::ProcessNoise));
+        assert_eq!(
+            predicted(lost_model, one, one),
+            Err(KalmanError::ModelNotFinite)
+        );
+        assert_eq!(
+            corrected(first, one, x, one),
+            Err(KalmanError::ModelNotFinite)
+        );
+        for (state, covariance) in [(x, one), (one, x)] {
+            let found = corrected(Kalman { state, covariance }, one, one, one);
+            assert_eq!(found, Err(KalmanError::EstimateNotFinite));
+        }
+    }
+    assert_eq!(predicted(model, one, -one), Err(KalmanError::ProcessNoise));
+    let huge = Discrete {
+        f: one * f64::MAX,
+        g: one,
+    };
+    assert_eq!(
+        predicted(huge, one, one),
+        Err(KalmanError::EstimateNotFinite)
+    );
+    assert_eq!(predicted(model, one, one), Ok(()));
 }
 
 /// The loop of thesis Figure 7.9 (Euler model) diverges at V = 2 with

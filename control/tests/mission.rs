@@ -188,7 +188,7 @@ proptest! {
 #[test]
 fn faults_are_named() {
     type Change = fn(&mut Leg<f64>);
-    let faults: [(Change, usize, Fault); 15] = [
+    let faults: [(Change, usize, Fault); 17] = [
         (|leg| leg.start.north = f64::NAN, 3, Fault::NotFinite),
         (|leg| leg.speed = f64::INFINITY, 3, Fault::NotFinite),
         (|leg| leg.start.east = 5000.0, 3, Fault::TooFar),
@@ -199,6 +199,14 @@ fn faults_are_named() {
         (|leg| leg.speed = 2.5, 3, Fault::Speed),
         // The vehicle would stand.
         (|leg| leg.speed = 0.000_6, 3, Fault::Speed),
+        // The receiver tells no heading of a vehicle that slips.
+        (|leg| leg.speed = 0.28, 3, Fault::Speed),
+        // Too sharp for 0.28 m/s.
+        (
+            |leg| (leg.curvature, leg.sharpness, leg.length) = (-0.16, 1.14, 0.28),
+            3,
+            Fault::Sharpness,
+        ),
         // Where such a spiral ends is not known.
         (
             |leg| (leg.curvature, leg.sharpness, leg.length) = (0.3, -0.000_497, 564.0),

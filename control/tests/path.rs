@@ -4,6 +4,7 @@ use control::dubins::{Pose, advance};
 use control::line::{Line, LineError};
 use control::path::{Path, PathError, Progress, Segment};
 use control::position::Position;
+use control::scalar::Scalar;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -55,6 +56,94 @@ proptest! {
                 prop_assert_eq!(progress.segment, number);
             }
         }
+    }
+}
+
+/// Errors of both distances (m) that `locate` returns for a point `along` metres on an arc and up to
+/// 3 m beside it: `aside` in (-1, 1) is its share of that, and towards the centre of a smaller arc
+/// its share of the radius. The place last known is `nudge` metres farther on, or on a smaller
+/// arc radii.
+fn located<T: Scalar>(
+    curvature: T,
+    heading: f64,
+    along: f64,
+    aside: f64,
+    nudge: f64,
+) -> (f64, f64) {
+    let exact = curvature.as_f64();
+    let radius = 1.0 / exact.abs();
+    // Beyond the centre another place would be nearer.
+    let room = if aside * exact > 0.0 {
+        radius.min(3.0)
+    } else {
+        3.0
+    };
+    let cross = aside * room;
+    // The start has coordinates and a heading that both number types represent.
+    let heading = T::lit(heading);
+    let start = Pose {
+        north: 0.0,
+        east: 0.0,
+        heading: heading.as_f64(),
+    };
+    // A circle so small that the turn has no number is a point.
+    let on = if (exact * along).is_finite() {
+        advance(start, exact, along)
+    } else {
+        start
+    };
+    let segment = Segment {
+        start: Pose {
+            north: T::zero(),
+            east: T::zero(),
+            heading,
+        },
+        curvature,
+        sharpness: T::zero(),
+        length: T::lit(1000.0),
+    };
+    let place = segment.locate(
+        T::lit(on.north - cross * on.heading.sin()),
+        T::lit(on.east + cross * on.heading.cos()),
+        T::lit(along + nudge * radius.min(1.0)),
+    );
+    (
+        place.along.as_f64() - along,
+        place.cross_track.as_f64() - cross,
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    /// Both distances come back within a millimetre on arcs of every curvature. The difference of
+    /// radius and distance from the centre would be off by centimetres at 1e-6 1/m, and infinite at
+    /// 1e-40 1/m.
+    #[test]
+    fn points_beside_an_arc_of_any_curvature_are_found(
+        tenfold in prop_oneof![-46.0_f64..39.0, -8.0..1.0], right in any::<bool>(),
+        heading in -PI..PI, along in -1000.0_f64..1000.0, aside in -0.9_f64..0.9,
+        nudge in -1.0_f64..1.0,
+    ) {
+        // From the smallest subnormal number to the largest number.
+        let size = (10.0_f64.powf(tenfold) as f32).clamp(f32::from_bits(1), f32::MAX);
+        let single = if right { size } else { -size };
+        let (along_off, cross_off) = located(single, heading, along, aside, nudge);
+        prop_assert!(along_off.abs() < 1e-3 && cross_off.abs() < 1e-3,
+            "{single}: {along_off} {cross_off}");
+    }
+
+    #[test]
+    fn points_beside_an_arc_of_any_curvature_are_found_in_double_precision(
+        tenfold in prop_oneof![-323.0_f64..308.25, -16.0..2.0], right in any::<bool>(),
+        heading in -PI..PI, along in -1000.0_f64..1000.0, aside in -0.9_f64..0.9,
+        nudge in -1.0_f64..1.0,
+    ) {
+        let size = 10.0_f64.powf(tenfold);
+        let double = if right { size } else { -size };
+        let (along_off, cross_off) = located(double, heading, along, aside, nudge);
+        prop_assert!(along_off.abs() < 1e-9 && cross_off.abs() < 1e-9,
+            "{double}: {along_off} {cross_off}");
     }
 }
 

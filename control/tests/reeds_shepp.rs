@@ -119,4 +119,9 @@ fn bad_input_is_named() {
         ..pose
     };
     assert_eq!(shortest(lost, pose, 1.0), Err(DubinsError::Pose));
+    let spun = Pose {
+        heading: f64::MAX,
+        ..pose
+    };
+    assert_eq!(shortest(pose, spun, 1.0), Err(DubinsError::Pose));
 }

@@ -580,3 +580,58 @@ proptest! {
         prop_assert_eq!(fence.allows(&pose), room > 1.0);
     }
 }
+
+/// Steps of a plan until it ends, at most `most`.
+fn steps(mut plan: TurnPlan<f32>, most: u32) -> (u32, Option<Result<Turn<f32>, TurnError>>) {
+    for step in 1..=most {
+        if let Some(result) = plan.step(&free::<f32>) {
+            return (step, Some(result));
+        }
+    }
+    (most, None)
+}
+
+/// Where the spacing is less than the rounding error of the distance, that would not grow: the plan has its documented
+/// number of steps all the same, up to the longest turn and with the finest spacing.
+#[test]
+fn a_plan_ends_after_its_number_of_steps() {
+    let start = Pose::default();
+    let to = |north: f32| Pose {
+        north,
+        east: 30.0,
+        heading: 0.0,
+    };
+    for (north, spacing) in [(30.0_f32, 0.01_f32), (3_000.0, 0.25), (40_000.0, 0.01)] {
+        let settings = TurnSettings {
+            spacing,
+            ..settings()
+        };
+        let plan = TurnPlan::new(start, to(north), &settings).unwrap();
+        // Each word could be compared from its beginning to its end.
+        let poses = 16.0 * (1.5 * north + 100.0) / spacing;
+        let (_, result) = steps(plan, 17 + 16 * 11 + (poses / 8.0) as u32);
+        let result = result.expect("it ends");
+        // In single precision, far away the end is not met within a millimetre.
+        if north < 1_000.0 {
+            assert_ends(&result.unwrap(), start, to(north));
+        }
+    }
+    for far in [60_000.0, 1e7, 1e30] {
+        let plan = TurnPlan::new(start, to(far), &settings()).unwrap();
+        assert_eq!(steps(plan, 17), (17, Some(Err(TurnError::NoRoom))), "{far}");
+    }
+    for spacing in [0.0, 1e-42, 1e-9, 0.0099] {
+        let settings = TurnSettings {
+            spacing,
+            ..settings()
+        };
+        let refused = TurnPlan::new(start, to(30.0), &settings).err();
+        assert_eq!(refused, Some(TurnError::Settings), "{spacing}");
+    }
+    let spun = Pose {
+        heading: f32::MAX,
+        ..start
+    };
+    let refused = TurnPlan::new(start, spun, &settings()).err();
+    assert_eq!(refused, Some(TurnError::Pose));
+}

@@ -61,6 +61,41 @@ fn unweighted_modes_are_stabilised_or_refused() {
     assert_eq!(wrong, [0, 0], "of 20 on the unit circle and 20 unstable");
 }
 
+/// Chains of integrators without a weight: nothing is to be gained by moving them. The steps of Newton's method
+/// approach that by a factor of 0.7 or 0.8 each, for they halve the product of all distances to the unit circle.
+#[test]
+fn unweighted_chains_are_refused() {
+    let geometry = Geometry {
+        l1: 0.255,
+        l2: 0.845,
+    };
+    for speed in [0.3_f64, 1.0, 3.0] {
+        let model = geometry.steering_model_sampled(speed, 0.1);
+        for weight in [0.0, 5e-324, 1e-300, 1e-60] {
+            let q = SMatrix::<f64, 3, 3>::identity() * weight;
+            let found = dlqr(&model, &q, &Matrix1::new(1.0));
+            let refused = Err(RegulatorError::UnweightedMode);
+            assert_eq!(found, refused, "{weight} at {speed} m/s");
+        }
+        // A weight that a regulator can be designed for, if a slow one: by the low-frequency asymptote the gain of
+        // the cross-track error is the root of its weight.
+        let q = SMatrix::<f64, 3, 3>::identity() * 1e-20;
+        let found = dlqr(&model, &q, &Matrix1::new(1.0)).unwrap();
+        assert!((found.gain[0] / 1e-10 - 1.0).abs() < 1e-3, "{found:?}");
+    }
+    let double = Discrete {
+        f: SMatrix::<f64, 2, 2>::new(1.0, 0.1, 0.0, 1.0),
+        g: SMatrix::<f64, 2, 1>::new(0.005, 0.1),
+    };
+    let nothing = SMatrix::<f64, 2, 2>::zeros();
+    let found = dlqr(&double, &nothing, &Matrix1::new(1.0));
+    assert_eq!(found, Err(RegulatorError::UnweightedMode));
+    // The dual: a place whose velocity is constant, measured without process noise.
+    let h = double.g.transpose();
+    let found = steady_state(&double.f.transpose(), &h, &nothing, &Matrix1::new(1.0));
+    assert_eq!(found, Err(KalmanError::NoiseFreeMode));
+}
+
 /// F = 2, G = 1, Q = 0, R = 1: the stabilising solution of S = 4 S - 4 S^2 / (1 + S)
 /// is 3, not 0.
 #[test]

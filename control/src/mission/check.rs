@@ -45,12 +45,12 @@ pub enum Fault {
     TooFar,
     /// The length is not between [`SHORTEST`] and [`LONGEST`], or the leg winds by more than [`WINDING`].
     Length,
-    /// The speed is below the creeping speed, or above the vehicle's.
+    /// The speed is below [`MissionSettings::slowest`], or above the vehicle's.
     Speed,
     /// The curvature is above the vehicle's, with the reserve that its settings state.
     Curvature,
-    /// The curvature changes so fast that the steering could only follow at less than the creeping
-    /// speed.
+    /// The curvature changes so fast that the steering could only follow at less than
+    /// [`MissionSettings::slowest`].
     Sharpness,
     /// The vehicle would leave the fence.
     Outside,
@@ -80,9 +80,7 @@ impl core::fmt::Display for Fault {
                 f,
                 "its length is not between {SHORTEST} and {LONGEST} m, or it winds by more than {WINDING} rad"
             ),
-            Self::Speed => {
-                f.write_str("its speed is below the creeping speed or above the vehicle's")
-            }
+            Self::Speed => f.write_str("its speed is too low or too high for the vehicle"),
             Self::Curvature => f.write_str("its curvature is more than the vehicle can steer"),
             Self::Sharpness => f.write_str("its curvature changes faster than the steering"),
             Self::Outside => f.write_str("the vehicle would leave the fence"),
@@ -391,11 +389,7 @@ impl<T: Scalar> Check<T> {
         if !(leg.length >= T::lit(SHORTEST) && leg.length <= T::lit(LONGEST)) {
             return Err(Fault::Length);
         }
-        // Numbers in single precision come with rounding errors.
-        let (creep, top) = (self.settings.pace.creep, self.settings.top_speed);
-        let rounding = T::lit(1e-5);
-        if !(leg.speed >= creep * (T::one() - rounding) && leg.speed <= top * (T::one() + rounding))
-        {
+        if !self.settings.may_drive(leg.speed) {
             return Err(Fault::Speed);
         }
         let most = self.settings.curvature * T::lit(1.001);
@@ -408,7 +402,7 @@ impl<T: Scalar> Check<T> {
             return Err(Fault::Length);
         }
         let speed = self.settings.speed_on(&part, leg.speed);
-        if speed < leg.speed && speed < self.settings.pace.creep {
+        if speed < leg.speed && speed < self.settings.slowest {
             return Err(Fault::Sharpness);
         }
         self.sum.length += leg.length;

@@ -180,6 +180,14 @@ impl<T: Scalar> Mission<T> for Legs<'_, T> {
     }
 }
 
+/// The smallest speed of a leg or a turn, m/s, if velocities up to `standstill` (m/s, positive) tell no heading: with
+/// the 30 % of slip that a sound vehicle may have, it is as fast as that over ground. The run of a slower vehicle ends
+/// after 3 s without a heading ([`crate::response`]).
+#[must_use]
+pub fn slowest<T: Scalar>(standstill: T) -> T {
+    standstill / T::lit(0.7)
+}
+
 /// What a mission may ask of a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MissionSettings<T> {
@@ -189,6 +197,9 @@ pub struct MissionSettings<T> {
     pub curvature: T,
     /// Steering rate that a path may ask for, rad/s, positive.
     pub steering_rate: T,
+    /// Smallest speed of legs and turns, m/s, positive: a slower vehicle does not know its heading, and its run would
+    /// end.
+    pub slowest: T,
     /// Largest speed, m/s, positive.
     pub top_speed: T,
     /// Headland turns.
@@ -224,6 +235,7 @@ impl<T: Scalar> MissionSettings<T> {
             wheelbase: guidance.wheelbase,
             curvature: turn.curvature,
             steering_rate: rate * (T::one() - reserve),
+            slowest: slowest(settings.estimator.standstill),
             top_speed: settings.limits.speed,
             turn,
             turn_speed,
@@ -240,14 +252,22 @@ impl<T: Scalar> MissionSettings<T> {
         positive(self.wheelbase)
             && positive(self.curvature)
             && positive(self.steering_rate)
+            && positive(self.slowest)
             && positive(self.top_speed)
             && positive(self.turn_speed)
-            && self.turn_speed <= self.top_speed
+            && self.may_drive(self.turn_speed)
             && self.turn.is_usable()
             && self.footprint.is_usable()
             && self.kept_free().is_usable()
             && self.clearance >= T::zero()
             && self.pace.is_usable()
+    }
+
+    /// Whether a leg or a turn may be driven at `speed`, m/s. Numbers in single precision come with rounding errors.
+    pub(crate) fn may_drive(&self, speed: T) -> bool {
+        let rounding = T::lit(1e-5);
+        speed >= self.slowest * (T::one() - rounding)
+            && speed <= self.top_speed * (T::one() + rounding)
     }
 
     /// The ground that a path keeps free: the vehicle's own, with the clearance about it.

@@ -11,7 +11,7 @@ use crate::manifest::{
     DistanceSignals, Inertial, Law, Machine, Manifest, Mission, Node, Planner, Protocol, Receiver,
     RegulatorWeights, Rover, RowGuidance, SelfTest, Sessions, SignalPath, SteeringGains, ThesisLaw,
 };
-use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
+use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, factor, units_of};
 
 /// Full scale of the boards' converters, counts.
 pub const FULL_SCALE: f64 = 4095.0;
@@ -830,6 +830,16 @@ fn mission(mission: &Mission, manifest: &Manifest, network: &Network) -> Result<
     if !mission.enabled {
         return Ok(());
     }
+    let noise = machine.sensors.velocity.get();
+    let slowest = control::mission::slowest(control::vehicle::standstill(noise));
+    // Rounded up, so that the number in the sentence is accepted.
+    let least = Quantity::<SpeedKind>::new((slowest * 100.0).ceil() / 100.0);
+    refuse(
+        mission.turn_speed.get() >= slowest,
+        "mission.turn_speed",
+        mission.turn_speed,
+        format_args!("{least} or more, where the receiver tells the heading,"),
+    )?;
     if machine.law == Law::Thesis {
         return Err(
             "mission.enabled with machine.law \"thesis\": that law follows one line, so \"furrow\" is accepted".into(),

@@ -892,6 +892,19 @@ fn roll_and_pitch_that_make_no_sense_are_refused_in_one_sentence() {
     }
 }
 
+/// A turn slower than this would end the run. While missions are off, nobody drives one.
+#[test]
+fn a_turn_is_fast_enough_to_tell_the_heading() {
+    let set = "mission.enabled=true;mission.turn_speed";
+    let error = uagv_with(&format!("{set}=0.28 m/s"))
+        .unwrap_err()
+        .to_string();
+    let sentence = "mission.turn_speed is 0.28 m/s: 0.29 m/s or more, where the receiver tells the heading, is accepted";
+    assert!(error.ends_with(sentence), "{error}");
+    uagv_with(&format!("{set}=0.29 m/s")).unwrap();
+    uagv_with("mission.turn_speed=0.28 m/s").unwrap();
+}
+
 #[test]
 fn the_message_about_sections_must_be_there_with_its_signals() {
     for (message, sentence) in [

@@ -209,7 +209,7 @@ reasons! {
     /// [`Fault::Length`].
     Length = 37, "length", "it is too short or too long";
     /// [`Fault::Speed`].
-    Speed = 38, "speed", "its speed is not positive or above the vehicle's";
+    Speed = 38, "speed", "its speed is too low or too high for the vehicle";
     /// [`Fault::Curvature`].
     Curvature = 39, "curvature", "its curvature is more than the vehicle can steer";
     /// [`Fault::Sharpness`].

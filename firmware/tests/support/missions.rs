@@ -11,6 +11,7 @@ pub fn settings() -> MissionSettings<f32> {
         wheelbase: 1.1,
         curvature: 0.35,
         steering_rate: 0.37,
+        slowest: 0.29,
         top_speed: 2.0,
         turn: TurnSettings::for_steering(1.1, 0.43, 0.43, 0.8, 0.15),
         turn_speed: 0.8,

@@ -255,8 +255,12 @@ impl Drivable {
         let wider = "a wider headland (--headland), or a leg that ends earlier, leaves more room";
         match fault {
             Fault::Speed => format!(
-                "leg {leg}: its speed is {} m/s, and above 0 to {} m/s is accepted",
-                driven.speed, settings.top_speed
+                "leg {leg}: its speed is {} m/s, and {:.2} to {} m/s is accepted: the receiver tells no heading of a slower \
+                 vehicle",
+                driven.speed,
+                // Rounded up, so that the number itself is accepted.
+                (settings.slowest * 100.0).ceil() / 100.0,
+                settings.top_speed
             ),
             Fault::Outside | Fault::Obstacle => {
                 let at = self.first_refused(driven, settings);
