@@ -899,8 +899,7 @@ fn a_turn_is_fast_enough_to_tell_the_heading() {
     let error = uagv_with(&format!("{set}=0.28 m/s"))
         .unwrap_err()
         .to_string();
-    let sentence =
-        "mission.turn_speed is 0.28 m/s: 0.29 m/s or more, where the receiver tells the heading, is accepted";
+    let sentence = "mission.turn_speed is 0.28 m/s: 0.29 m/s or more, where the receiver tells the heading, is accepted";
     assert!(error.ends_with(sentence), "{error}");
     uagv_with(&format!("{set}=0.29 m/s")).unwrap();
     uagv_with("mission.turn_speed=0.28 m/s").unwrap();
