@@ -822,7 +822,7 @@ fn mission(mission: &Mission, manifest: &Manifest, network: &Network) -> Result<
         machine.limits.speed.get(),
     )?;
     within("mission.reserve", mission.reserve, 0.0, 0.5)?;
-    within("mission.width", mission.width, 0.0, 20.0)?;
+    above("mission.width", mission.width, 20.0)?;
     within("mission.ahead", mission.ahead, 0.0, 20.0)?;
     within("mission.behind", mission.behind, 0.0, 20.0)?;
     within("mission.clearance", mission.clearance, 0.0, 5.0)?;
@@ -839,6 +839,18 @@ fn mission(mission: &Mission, manifest: &Manifest, network: &Network) -> Result<
         "mission.turn_speed",
         mission.turn_speed,
         format_args!("{least} or more, where the receiver tells the heading,"),
+    )?;
+    // With its front axle before its ground, a vehicle would pass through its fence. A vehicle of another length that drives no
+    // missions need not say what ground it covers.
+    let wheelbase = machine.rear_to_antenna.get() + machine.antenna_to_front.get();
+    refuse(
+        mission.ahead.get() as f32 >= wheelbase as f32,
+        "mission.ahead",
+        mission.ahead,
+        format_args!(
+            "the wheelbase (machine.rear_to_antenna and machine.antenna_to_front together, {}) to 20 m",
+            Quantity::<LengthKind>::new(wheelbase)
+        ),
     )?;
     if machine.law == Law::Thesis {
         return Err(

@@ -766,9 +766,9 @@ pub struct Mission {
     pub turn_speed: Speed,
     /// Share of the steering's angle and rate that no path uses, 0 to 50 %: it is left for corrections.
     pub reserve: Ratio,
-    /// Width over everything, for fences, 0 to 20 m.
+    /// Width over everything, for fences, above 0 to 20 m.
     pub width: Length,
-    /// From the rear axle to the front, for fences, 0 to 20 m.
+    /// From the rear axle to the front, for fences: the wheelbase, if missions are on, to 20 m.
     pub ahead: Length,
     /// From the rear axle to the rear, for fences, 0 to 20 m.
     pub behind: Length,

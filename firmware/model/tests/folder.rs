@@ -905,6 +905,28 @@ fn a_turn_is_fast_enough_to_tell_the_heading() {
     uagv_with("mission.turn_speed=0.28 m/s").unwrap();
 }
 
+/// A vehicle without ground, or with its front axle before it, would pass through its fence.
+#[test]
+fn a_vehicle_covers_the_ground_up_to_its_front_axle() {
+    for (overrides, sentence) in [
+        (
+            "mission.width=0 m",
+            "mission.width is 0 m: above 0 to 20 m is accepted",
+        ),
+        (
+            "mission.enabled=true;mission.ahead=0 m",
+            "mission.ahead is 0 m: the wheelbase (",
+        ),
+        (
+            "mission.enabled=true;mission.ahead=1 m",
+            "mission.ahead is 1 m: the wheelbase (",
+        ),
+    ] {
+        let error = uagv_with(overrides).unwrap_err().to_string();
+        assert!(error.contains(sentence), "{overrides}: {error}");
+    }
+}
+
 #[test]
 fn the_message_about_sections_must_be_there_with_its_signals() {
     for (message, sentence) in [

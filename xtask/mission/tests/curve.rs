@@ -264,7 +264,7 @@ fn what_has_no_curve_is_refused_in_a_sentence() {
     let back = refused(&at(&[(0.0, 0.0), (10.0, 0.0), (1.0, 0.5)]));
     assert_eq!(
         back.to_string(),
-        "points[1]: the curve doubles back there (10.00 m north, 0.00 m east); split it in two legs, or resample it if its \
+        "point 2: the curve doubles back there (10.00 m north, 0.00 m east); split it in two legs, or resample it if its \
          points are noisy"
     );
     let resampling = Some(Resampling {
@@ -432,7 +432,7 @@ fn a_leg_without_a_curve_is_named() {
     assert!(
         error
             .to_string()
-            .starts_with("points[1]: the curve doubles back there (20.00 m north"),
+            .starts_with("point 2: the curve doubles back there (20.00 m north"),
         "{error}"
     );
     // A change of the direction of travel is a new curve.

@@ -130,6 +130,41 @@ fn a_hectare() {
     assert!(to_and_fro);
 }
 
+/// Swaths that are a little askew are a little longer, and no better.
+#[test]
+fn a_tie_of_directions_is_taken_by_an_edge() {
+    for (north, east) in [
+        (60.0, 50.0),
+        (30.0, 20.0),
+        (24.0, 16.0),
+        (55.0, 47.0),
+        (81.0, 73.0),
+    ] {
+        let area = Area {
+            outer: vec![
+                Local::new(0.0, 0.0),
+                Local::new(north, 0.0),
+                Local::new(north, east),
+                Local::new(0.0, east),
+            ],
+            holes: Vec::new(),
+        };
+        for headland in [0.0, 6.0] {
+            let options = Options {
+                headland,
+                ..Options::new(3.0)
+            };
+            let field = divide(&area, &options).unwrap();
+            let along = (field.bearing / FRAC_PI_2).fract();
+            assert!(
+                along.min(1.0 - along) < 1e-6,
+                "{north} m x {east} m: {}",
+                field.bearing.to_degrees()
+            );
+        }
+    }
+}
+
 #[test]
 fn a_headland_is_left_out() {
     let field = divide(

@@ -133,7 +133,7 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "from = [0, 0]",
         "from = [0, 20000]",
-        "mission field.toml, line 9, leg 1, from.east: 20000 m is out of range, it takes -10000 to 10000 m",
+        "mission field.toml, line 9, leg 1, from, east: 20000 m is out of range, it takes -10000 to 10000 m",
     ),
     (
         "from = [0, 0]",
@@ -183,7 +183,7 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "name = \"243 m line\"",
         "name = \"a\"\nfence = [[0, 0], [9, 9], [9, 0], [0, 9]]",
-        "mission field.toml, line 3, fence: the side from corner 0 meets the side from corner 2, a polygon without crossings is accepted",
+        "mission field.toml, line 3, fence: the side from corner 1 meets the side from corner 3, a polygon without crossings is accepted",
     ),
     (
         "name = \"243 m line\"",
@@ -203,7 +203,7 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "speed = \"1 m/s\"",
         "speed = \"1 m/s\"\noutputs = [1, 9]",
-        "mission field.toml, line 9, leg 1, outputs[1]: there is no section 9, 1 to 8 are accepted",
+        "mission field.toml, line 9, leg 1, outputs: there is no section 9, 1 to 8 are accepted",
     ),
     (
         "speed = \"1 m/s\"",

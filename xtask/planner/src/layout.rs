@@ -86,10 +86,10 @@ impl Layout {
             .map_or(0, |control| control & 0x3F);
         let mut windows = self.command.windows();
         let own = windows.find(|window| count % window.repeat.max(1) == window.offset);
-        Some((time, own.map(|window| self.slot(reference, &window))))
+        Some((time, own.map(|window| self.slot(time, reference, &window))))
     }
 
-    fn slot(&self, reference: &Message, window: &Window) -> Slot {
+    fn slot(&self, time: u32, reference: &Message, window: &Window) -> Slot {
         let frame = |message: &Message| self.network.bits_to_us(worst_case_bits(message.length));
         let uncertain = self.network.sync_uncertainty_us;
         // The window counts from the start of the reference, whose length depends on its data.
@@ -97,6 +97,7 @@ impl Layout {
         let micros = |us: u32| Duration::from_micros(us.into());
         let earliest = window.start_us + uncertain;
         Slot {
+            time: Duration::from_millis(time.into()),
             earliest: micros(earliest),
             latest: micros(window.end_us().saturating_sub(before).max(earliest)),
         }

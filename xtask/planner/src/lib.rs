@@ -10,15 +10,17 @@
 //!
 //! ```no_run
 //! use can_bus::Frame;
-//! use planner::{Demand, Error, Heard, Planner, vehicle};
+//! use planner::{Demand, Error, Heard, Pace, Planner, vehicle};
 //!
 //! /// `received` are the frames of the bus as they come, `send` hands one to the adapter.
 //! fn lead(received: impl Iterator<Item = Frame>, mut send: impl FnMut(Frame)) -> Result<(), Error> {
 //!     let vehicle = vehicle("firmware/vehicles/uagv")?;
 //!     let mut planner = Planner::of(&vehicle, None)?;
+//!     let (begin, mut pace) = (std::time::Instant::now(), Pace::default());
 //!     for frame in received {
 //!         if let Heard::Begin(slot) = planner.heard(&frame) {
-//!             std::thread::sleep(slot.earliest);
+//!             let Some(wait) = pace.wait(begin.elapsed(), &slot) else { continue };
+//!             std::thread::sleep(wait);
 //!             let demand = Demand { curvature: 0.1, speed: 0.5 };
 //!             if let Some(command) = planner.command(demand) {
 //!                 send(command);
@@ -32,6 +34,7 @@
 #![forbid(unsafe_code)]
 
 mod layout;
+mod pace;
 
 use std::path::Path;
 use std::time::Duration;
@@ -41,6 +44,7 @@ use embedded_can::{Frame, Id, StandardId};
 pub use firmware::e2e::Key;
 use firmware::e2e::{CHECK, COUNTER, Secret, Session, check_value, tag};
 use layout::Layout;
+pub use pace::Pace;
 pub use vehicle_model::Vehicle;
 use vehicle_model::{Overrides, VehicleError};
 
@@ -75,9 +79,12 @@ pub fn vehicle(folder: impl AsRef<Path>) -> Result<Vehicle, Error> {
     Ok(Vehicle::read_with(folder.as_ref(), &on)?)
 }
 
-/// When a command may be handed to the adapter, after the end of the reference message.
+/// When a command may be handed to the adapter, after the end of the reference message, in time of the bus. [`Pace`] turns it
+/// into time of the computer, which a simulation may be slower than.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
+    /// System time of the reference message, in whole milliseconds.
+    pub time: Duration,
     /// Not before.
     pub earliest: Duration,
     /// Not after: the window must still hold the frame.

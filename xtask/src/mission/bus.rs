@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use firmware::mission::upload::Request;
+use firmware::mission::upload::{self, Request};
 use parts::{Memory, Sled};
 use vehicle_model::{Device, Override, Overrides, Vehicle};
 
@@ -21,6 +21,9 @@ use crate::{
     workspace::{succeed, typed},
 };
 
+/// Bytes of a record that an upload takes: the vehicle keeps it in its RAM, behind the request, while it checks it.
+pub(super) const UPLOAD: usize = (upload::WORDS - 1) * 4;
+
 /// The vehicle on a bus, with its missions switched on.
 fn of_bus(workspace: &Workspace, options: &OnMissionBus) -> Result<Vehicle, Failure> {
     let on = Override::parse("mission.enabled=true").map_err(Failure::Usage)?;
@@ -28,6 +31,8 @@ fn of_bus(workspace: &Workspace, options: &OnMissionBus) -> Result<Vehicle, Fail
         .chain(options.set.iter().cloned())
         .collect();
     let name = options.vehicle.as_deref().unwrap_or(vehicle::DEFAULT);
+    // Before a value is set that the vehicle does not know.
+    settings(&vehicle::find(workspace, name)?).map_err(Failure::Usage)?;
     Ok(selftest::of_bus(workspace, Some(name), &options.bus, &set)?)
 }
 
@@ -72,10 +77,17 @@ fn talk<R>(
 }
 
 /// `mission upload`.
-pub(super) fn upload(workspace: &Workspace, options: &UploadMission) -> Result<(), Failure> {
+pub(super) fn upload_file(workspace: &Workspace, options: &UploadMission) -> Result<(), Failure> {
     let vehicle = of_bus(workspace, &options.on)?;
     let record = record(&vehicle, &options.file)?;
     let file = options.file.display();
+    if record.len() > UPLOAD {
+        return Err(Failure::Usage(format!(
+            "{file}: its record has {} bytes, and an upload takes up to {UPLOAD}: divide the mission, or write it by a debug \
+             probe (mission flash)",
+            record.len()
+        )));
+    }
     if options.check {
         talk(workspace, &vehicle, &options.on, |client| {
             client.check(&record)
@@ -138,6 +150,7 @@ pub(super) fn ask(
 /// `mission flash`.
 pub(super) fn flash(workspace: &Workspace, options: &FlashMission) -> Result<(), Failure> {
     let on = Overrides::parse("mission.enabled=true").map_err(Failure::Usage)?;
+    settings(&vehicle::find(workspace, &options.vehicle)?).map_err(Failure::Usage)?;
     let vehicle = vehicle::with(workspace, &options.vehicle, &on)?;
     let record = record(&vehicle, &options.file)?;
     let none = || {
@@ -216,6 +229,40 @@ fn commands(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli;
+
+    /// It is known before anything is sent.
+    #[test]
+    fn a_mission_that_is_too_long_is_not_uploaded() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("long.toml");
+        let legs: String = (0..800)
+            .map(|leg| {
+                let (from, to) = (f64::from(leg) * 2.0, f64::from(leg) * 2.0 + 2.0);
+                format!("[[leg]]\nfrom = [{from}, 0]\nto = [{to}, 0]\nspeed = \"1 m/s\"\njoin = \"continue\"\n")
+            })
+            .collect();
+        let head = "name = \"long\"\n[origin]\nlatitude = \"40 deg\"\nlongitude = \"-96 deg\"\n";
+        fs::write(&file, format!("{head}{legs}")).unwrap();
+        let words = [
+            "xtask",
+            "mission",
+            "upload",
+            file.to_str().unwrap(),
+            "--bus",
+            "slcan:/nowhere",
+        ];
+        let parsed = cli::parse(words.map(std::ffi::OsString::from));
+        let Ok(cli::Request::Run(cli::Command::Mission(command))) = parsed else {
+            panic!("the command line is not read");
+        };
+        let refused = crate::mission::run(&Workspace::find().unwrap(), &command).unwrap_err();
+        let said = refused.to_string();
+        assert!(
+            said.contains("bytes, and an upload takes up to 20476"),
+            "{said}"
+        );
+    }
 
     #[test]
     fn the_record_goes_into_the_first_place_and_the_second_is_erased() {

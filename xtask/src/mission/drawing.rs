@@ -41,6 +41,9 @@ pub(super) fn plan(
     for skipped in &drawing.skipped {
         eprintln!("left out: {skipped}");
     }
+    for note in &drawing.notes {
+        eprintln!("note: {note}");
+    }
     let origin = origin(options, &drawing).ok_or_else(|| usage("it has no shape".into()))?;
     let cruise = vehicle.manifest().machine.as_ref();
     let cruise = cruise.map_or(1.0, |machine| machine.cruise.get());
@@ -185,7 +188,7 @@ impl Wanted<'_> {
     }
 
     fn drivable(&self, plan: &Plan) -> Result<(), String> {
-        Drivable::of(plan)?.check(self.settings).map(|_| ())
+        Drivable::of(plan)?.check_new(self.settings).map(|_| ())
     }
 
     fn planned(&self, name: &str, field: &Field, edge: &Edge) -> Plan {

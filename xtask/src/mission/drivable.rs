@@ -105,6 +105,23 @@ fn place(at: Pose<f32>) -> mission::place::Local {
     mission::place::Local::new(at.north.into(), at.east.into())
 }
 
+/// Why a leg is too far away for the vehicle's single precision.
+fn too_far(leg: usize, driven: &Leg<f32>) -> String {
+    let ends = [driven.start, driven.end()].map(place);
+    let far =
+        |at: &mission::place::Local| at.north.abs().max(at.east.abs()) > control::mission::REACH;
+    match ends.iter().find(|at| far(at)) {
+        Some(at) => format!(
+            "leg {leg}: {at} is too far: a vehicle takes up to {} m north, south, east and west of the origin",
+            control::mission::REACH
+        ),
+        None => format!(
+            "leg {leg}: its curve has wound to a heading of {:.0} rad, up to 100 rad are accepted: divide it",
+            driven.start.heading
+        ),
+    }
+}
+
 /// Corners of an obstacle, with the first one again at the end.
 fn closed(obstacle: &[mission::place::Local]) -> impl Iterator<Item = Point<f32>> {
     obstacle.iter().chain(obstacle.first()).copied().map(point)
@@ -196,6 +213,25 @@ impl Drivable {
     /// # Errors
     /// A clause that names the first leg at fault, and why.
     pub(crate) fn check(&self, settings: &MissionSettings<f32>) -> Result<Summary<f32>, String> {
+        self.judge(settings, "a leg that ends earlier leaves more room")
+    }
+
+    /// The same for a mission that is made from a drawing.
+    ///
+    /// # Errors
+    /// A clause that names the first leg at fault, why, and which option may help.
+    pub(crate) fn check_new(
+        &self,
+        settings: &MissionSettings<f32>,
+    ) -> Result<Summary<f32>, String> {
+        self.judge(
+            settings,
+            "a wider headland (--headland), or a leg that ends earlier, leaves more room",
+        )
+    }
+
+    /// Checks it; `wider` says what leaves more room where there is too little.
+    fn judge(&self, settings: &MissionSettings<f32>, wider: &str) -> Result<Summary<f32>, String> {
         let words = self.words();
         // The vehicle reads the record, whose speeds are rounded.
         let judged = match Head::parse(&words) {
@@ -203,7 +239,7 @@ impl Drivable {
             None => check(&self.mission(), settings),
         };
         judged.map_err(|violation| match violation {
-            Violation::Leg { number, fault } => self.cause(number, fault, settings),
+            Violation::Leg { number, fault } => self.cause(number, fault, settings, wider),
             other => other.to_string(),
         })
     }
@@ -232,7 +268,13 @@ impl Drivable {
     }
 
     /// What is wrong with a leg of the firmware, where, and what helps.
-    fn cause(&self, number: usize, fault: Fault, settings: &MissionSettings<f32>) -> String {
+    fn cause(
+        &self,
+        number: usize,
+        fault: Fault,
+        settings: &MissionSettings<f32>,
+        wider: &str,
+    ) -> String {
         let index = self.of.get(number).map_or(number, |leg| *leg);
         let leg = index + 1;
         let Some(driven) = self.legs.get(number) else {
@@ -252,8 +294,29 @@ impl Drivable {
                 kink.to_degrees().abs()
             );
         }
-        let wider = "a wider headland (--headland), or a leg that ends earlier, leaves more room";
         match fault {
+            Fault::TooFar => too_far(leg, driven),
+            Fault::Curvature => {
+                let end = driven.curvature + driven.sharpness * driven.length;
+                let (along, curvature) = if end.abs() > driven.curvature.abs() {
+                    (driven.length, end)
+                } else {
+                    (0.0, driven.curvature)
+                };
+                format!(
+                    "leg {leg}: its curvature is {:.3} 1/m at {}, and the vehicle takes up to {:.3} 1/m",
+                    curvature.abs(),
+                    place(driven.part().pose(driven.start, along)),
+                    settings.curvature
+                )
+            }
+            Fault::Sharpness => format!(
+                "leg {leg}: {fault} can follow, by {:.3} 1/m on each metre from {} to {}; points that bend more gently are \
+                 accepted",
+                driven.sharpness.abs(),
+                place(driven.start),
+                place(driven.end())
+            ),
             Fault::Speed => format!(
                 "leg {leg}: its speed is {} m/s, and {:.2} to {} m/s is accepted: the receiver tells no heading of a slower \
                  vehicle",

@@ -36,6 +36,9 @@ const STEPS: usize = 100_000;
 /// The time of a section that does not change within a cycle, as the images tell it, ms.
 const NEVER: f64 = firmware::mission::NEVER as f64;
 
+/// The mode of a vehicle that refuses to drive.
+const FAULT: &str = "Fault";
+
 /// The reason with which a run ends at the end of its path.
 const PATH_END: &str = "PathEnd";
 
@@ -250,18 +253,27 @@ impl Course {
             return Located::default();
         };
         let mut place = segment.locate(north, east, at.along);
-        while let Some(next) = self.segments.get(at.segment + 1) {
+        for _ in 0..self.segments.len() {
+            // One that repeats goes on with its first piece.
+            let number = match at.segment + 1 {
+                number if number < self.segments.len() => number,
+                _ if self.ends => break,
+                _ => 0,
+            };
+            let Some(next) = self.segments.get(number) else {
+                break;
+            };
             if !driving || place.along <= self.end_of(at.segment) {
                 break;
             }
-            at.segment += 1;
+            at.segment = number;
             segment = next;
             place = segment.locate(north, east, 0.0);
         }
         at.along = place.along;
         let stage = self.stages.get(at.segment);
         let last = at.segment + 1 == self.segments.len();
-        at.finished |= last && place.along > segment.length - ARRIVED;
+        at.finished |= self.ends && last && place.along > segment.length - ARRIVED;
         let turned = match stage {
             Some(stage) if stage.reverse => std::f64::consts::PI,
             _ => 0.0,
@@ -504,6 +516,22 @@ fn ended(vehicle: &Vehicle, modes: &[ModeChange], frames: &[FrameRecord]) -> Vec
             Some((seconds(frame.end), told("Mode")?, told("Reason")?))
         })
         .collect();
+    ends(modes, &events)
+}
+
+/// The same from the events: time (s), mode and reason.
+fn ends(modes: &[ModeChange], events: &[(f64, String, String)]) -> Vec<RunEnd> {
+    // The run that the operator wanted may not have begun at all.
+    if !modes.iter().any(|change| change.autonomous) {
+        let refused = events.iter().rev().find(|(_, mode, _)| mode == FAULT);
+        let end = refused.map(|(at, mode, reason)| RunEnd {
+            at_seconds: rounded(*at, 3),
+            mode: mode.clone(),
+            reason: Some(reason.clone()),
+            arrived: false,
+        });
+        return end.into_iter().collect();
+    }
     let pairs = modes.iter().zip(modes.iter().skip(1));
     let ends = pairs.filter(|(before, after)| before.autonomous && !after.autonomous);
     let end = ends.map(|(_, after)| {
@@ -527,6 +555,25 @@ fn ended(vehicle: &Vehicle, modes: &[ModeChange], frames: &[FrameRecord]) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_that_does_not_begin_ends_with_its_fault() {
+        let event = |at, mode: &str, reason: &str| (at, mode.to_owned(), reason.to_owned());
+        let events = [
+            event(1.0, "Idle", "None"),
+            event(30.0, "Fault", "FarOff"),
+            event(31.0, "Idle", "None"),
+        ];
+        let ended = ends(&[], &events);
+        let [end] = &ended[..] else {
+            panic!("{ended:?}");
+        };
+        assert_eq!(
+            (end.mode.as_str(), end.reason.as_deref()),
+            ("Fault", Some("FarOff"))
+        );
+        assert!(ends(&[], &events[..1]).is_empty());
+    }
 
     #[test]
     fn a_section_changes_within_its_cycle_and_is_off_when_nobody_tells_of_it() {

@@ -53,7 +53,7 @@ pub fn run(workspace: &Workspace, command: &Mission) -> Result<(), Failure> {
     match command {
         Mission::New(options) => new(workspace, options),
         Mission::Check(options) => self::check(workspace, options),
-        Mission::Upload(options) => bus::upload(workspace, options),
+        Mission::Upload(options) => bus::upload_file(workspace, options),
         Mission::Start(on) => bus::ask(workspace, on, Request::Start),
         Mission::Pause(on) => bus::ask(workspace, on, Request::Pause),
         Mission::Resume(on) => bus::ask(workspace, on, Request::Resume),
@@ -304,6 +304,7 @@ impl Figures<'_> {
             "swing_out_m": self.swing(),
             "record_bytes": self.record,
             "record_room_bytes": drivable::ROOM * 4,
+            "upload_room_bytes": bus::UPLOAD,
         })
     }
 
@@ -358,6 +359,12 @@ impl Figures<'_> {
             self.record,
             drivable::ROOM * 4
         );
+        if self.record > bus::UPLOAD {
+            println!(
+                "  upload              too long for one, which takes {} bytes: only a debug probe can write it (mission flash)",
+                bus::UPLOAD
+            );
+        }
     }
 }
 
@@ -403,6 +410,45 @@ pub(crate) fn origin_of(text: &str) -> Result<Origin, String> {
     Ok(Origin { place, height })
 }
 
+/// Whether two names are those of one file. A file that is not there yet is known by its folder.
+fn is_same(one: &Path, other: &Path) -> bool {
+    let whole = |path: &Path| {
+        let folder = match path.parent() {
+            Some(folder) if folder != Path::new("") => folder,
+            _ => Path::new("."),
+        };
+        let known = folder.canonicalize().ok().zip(path.file_name());
+        path.canonicalize()
+            .or_else(|_| known.map(|(folder, name)| folder.join(name)).ok_or(()))
+    };
+    match (whole(one), whole(other)) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => one == other,
+    }
+}
+
+/// Refuses to write two files of one name, or over what is read.
+fn own_files(options: &NewMission) -> Result<(), Failure> {
+    let files = [
+        ("--from", options.from.as_deref()),
+        ("--out", Some(options.out.as_path())),
+        ("--picture", options.picture.as_deref()),
+    ];
+    for (index, (name, file)) in files.iter().enumerate() {
+        for (other, with) in &files[index + 1..] {
+            if let (Some(file), Some(with)) = (file, with)
+                && is_same(file, with)
+            {
+                return Err(Failure::Usage(format!(
+                    "{name} and {other} name the same file, {}: each needs a name of its own",
+                    with.display()
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
 fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
     let settings = settings(&vehicle).map_err(Failure::Usage)?;
@@ -412,6 +458,7 @@ fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
             options.out.display()
         )));
     }
+    own_files(options)?;
     let name = options.name.clone();
     let (plan, field) = match &options.from {
         None => {
@@ -428,7 +475,13 @@ fn new(workspace: &Workspace, options: &NewMission) -> Result<(), Failure> {
         let limit = settings.curvature.into();
         draw(path, &plan, &drivable.chains, limit, field.as_ref())?;
     }
-    let summary = drivable.check(&settings).map_err(usage)?;
+    let refused = |why: String| {
+        usage(match &options.picture {
+            Some(path) => format!("{why}; {} shows it", path.display()),
+            None => why,
+        })
+    };
+    let summary = drivable.check_new(&settings).map_err(refused)?;
     file::put(&options.out, &plan.write())?;
     println!(
         "{}: {}, {}, {:.0} m of way, {:.0} s without stops and accelerations",
@@ -539,6 +592,123 @@ mod tests {
             corner(1.0, 1.0),
             corner(-1.0, 1.0),
         ]
+    }
+
+    /// What a refused command line says.
+    fn refused(folder: &Path, words: &str) -> String {
+        made(folder, words).unwrap_err()
+    }
+
+    #[test]
+    fn no_file_is_written_over_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
+        let out = folder.path().join("made.toml");
+        let size = "--width 3 --headland 9 --origin 40.83,-96.66";
+        let same = refused(
+            folder.path(),
+            &format!("--from {file} {size} --picture {}", out.display()),
+        );
+        assert!(
+            same.starts_with("--out and --picture name the same file"),
+            "{same}"
+        );
+        // By another way to it.
+        let way = folder.path().join("./drawn.geojson");
+        let same = refused(
+            folder.path(),
+            &format!("--from {file} {size} --picture {}", way.display()),
+        );
+        assert!(
+            same.starts_with("--from and --picture name the same file"),
+            "{same}"
+        );
+        assert!(!out.exists());
+    }
+
+    #[test]
+    fn a_boundary_with_a_gap_is_refused_and_nothing_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("gap.csv");
+        fs::write(
+            &file,
+            "north,east\n0,0\n60,0\n60,20\n25,\n25,50\n0,50\n0,0\n",
+        )
+        .unwrap();
+        let options = "--width 3 --headland 6 --origin 40.83,-96.66";
+        let why = refused(
+            folder.path(),
+            &format!("--from {} {options}", file.display()),
+        );
+        assert!(why.contains("gap.csv: line 5: east is \"\""), "{why}");
+        assert!(!folder.path().join("made.toml").exists());
+    }
+
+    #[test]
+    fn a_refusal_names_place_value_and_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+        let settings = settings(&vehicle).unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
+        let options = "--width 3 --headland 9 --origin 40.83,-96.66";
+        let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+        let why = |shape: Shape| {
+            let leg = Leg {
+                shape,
+                ..plan.legs[0].clone()
+            };
+            let plan = Plan {
+                legs: vec![leg],
+                fence: Vec::new(),
+                ..plan.clone()
+            };
+            Drivable::of(&plan).unwrap().check(&settings).unwrap_err()
+        };
+        assert_eq!(
+            why(Shape::Line {
+                from: Local::new(5000.0, 1.0),
+                to: Local::new(5040.0, 1.0)
+            }),
+            "leg 1: 5000.00 m north, 1.00 m east is too far: a vehicle takes up to 4096 m north, south, east and west of the \
+             origin"
+        );
+        let points = (0..20_i32).map(|step| {
+            let angle = f64::from(step) * 0.1;
+            Local::new(angle.sin(), 1.0 - angle.cos())
+        });
+        let sharp = why(Shape::Curve {
+            points: points.collect(),
+        });
+        for part in [
+            "leg 1: its curvature is ",
+            " 1/m at ",
+            "the vehicle takes up to ",
+        ] {
+            assert!(sharp.contains(part), "{sharp}");
+        }
+        // Only `mission new` has a headland.
+        let outside = Plan {
+            fence: square(0.0, 40.0),
+            legs: vec![Leg {
+                shape: Shape::Line {
+                    from: Local::new(-30.0, 39.8),
+                    to: Local::new(30.0, 39.8),
+                },
+                ..plan.legs[0].clone()
+            }],
+            ..plan.clone()
+        };
+        let outside = Drivable::of(&outside).unwrap();
+        let (checked, made) = (
+            outside.check(&settings).unwrap_err(),
+            outside.check_new(&settings).unwrap_err(),
+        );
+        assert!(
+            checked.contains("the vehicle would leave the fence")
+                && !checked.contains("--headland"),
+            "{checked}"
+        );
+        assert!(made.contains("--headland"), "{made}");
     }
 
     /// A pole of a centimetre, or what a drawing program left behind: nobody knows.

@@ -78,6 +78,7 @@ fn unopened(name: &str, error: io::Error) -> Error {
     match error.kind() {
         io::ErrorKind::NotFound => Error::NoPort(name.into()),
         io::ErrorKind::PermissionDenied => Error::NoRight(name.into()),
+        io::ErrorKind::WouldBlock | io::ErrorKind::ResourceBusy => Error::Busy(name.into()),
         _ => Error::Open {
             name: name.into(),
             error,

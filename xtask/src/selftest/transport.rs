@@ -75,6 +75,9 @@ pub enum Error {
         /// A part of what comes.
         text: String,
     },
+    /// Another program has opened the serial port.
+    #[error("{0} is in use: another program has opened it, end that first")]
+    Busy(String),
     /// The interface or the port cannot be opened.
     #[error("{name} cannot be opened: {error}")]
     Open {
@@ -140,6 +143,7 @@ impl Error {
             Self::NoInterface(_)
                 | Self::NoPort(_)
                 | Self::NoRight(_)
+                | Self::Busy(_)
                 | Self::NotSlcan { .. }
                 | Self::Open { .. }
                 | Self::Down { .. }

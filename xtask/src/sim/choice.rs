@@ -23,6 +23,9 @@ const MISSION: &str = "mission";
 pub(super) fn choose(workspace: &Workspace, options: &Sim) -> Result<(Vehicle, Scenario), Failure> {
     let mut own = options.changes.overrides();
     if options.mission.is_some() {
+        // Before a value is set that the vehicle does not know.
+        let vehicle = vehicle::find(workspace, &options.vehicle)?;
+        crate::mission::settings(&vehicle).map_err(Failure::Usage)?;
         let on = Overrides::parse("mission.enabled=true").map_err(Failure::Usage)?;
         own = on.and(own);
     }

@@ -4,8 +4,8 @@ mod uagv;
 
 use world::receiver::Fix;
 use world::report::{
-    Located, MissionFigures, MissionRun, Purpose, Run, RunEnd, SectionSwitch, Stage, Summary,
-    states, terminal,
+    Located, MissionFigures, MissionRun, ModeChange, Purpose, Run, RunEnd, SectionSwitch, Stage,
+    Summary, states, terminal,
 };
 use world::time::{at, from_seconds};
 use world::{Scenario, StateSample};
@@ -43,6 +43,8 @@ struct Driven {
     located: Vec<Located>,
     switches: Vec<SectionSwitch>,
     ended: Vec<RunEnd>,
+    modes: Vec<ModeChange>,
+    repeats: bool,
 }
 
 impl Driven {
@@ -90,6 +92,12 @@ impl Driven {
             located,
             switches: Vec::new(),
             ended: Vec::new(),
+            modes: vec![ModeChange {
+                at: at(from_seconds(10.4)),
+                mode: "Autonomous".into(),
+                autonomous: true,
+            }],
+            repeats: false,
         }
     }
 
@@ -107,7 +115,7 @@ impl Driven {
         let nodes = uagv::ALL.map(uagv::name).to_vec();
         let mission = MissionRun {
             path: &self.path,
-            ends: true,
+            ends: !self.repeats,
             located: &self.located,
             switches: &self.switches,
             ended: &self.ended,
@@ -126,7 +134,7 @@ impl Driven {
             cycle_count_byte: 1,
             basic_cycle: from_seconds(0.1),
             bit_time: from_seconds(4e-6),
-            modes: &[],
+            modes: &self.modes,
             tasks: &[],
             rover: None,
             crop: None,
@@ -304,6 +312,81 @@ fn a_run_that_something_else_ended_is_not_driven_to_its_end() {
     assert!(!text.contains("its run ended"), "{text}");
     driven.ended = vec![end("Idle", None, true)];
     assert!(look(&driven).0.finished);
+}
+
+/// A run whose time is over is no fault of the vehicle.
+#[test]
+fn a_run_that_its_time_ends_is_told_so() {
+    let mut driven = Driven::new(beside);
+    driven.states.truncate(3000);
+    driven.located.truncate(3000);
+    let look = |driven: &Driven| {
+        driven.look(|run, mission| {
+            let text = terminal(&Summary::of(run), None);
+            (MissionFigures::of(run, mission), text)
+        })
+    };
+    let (figures, text) = look(&driven);
+    assert!(figures.cut && !figures.finished && figures.rounds.is_none());
+    assert!(
+        text.contains(
+            "driven for a part of its 50.0 m, then the time of the run was over: 29.5 m in "
+        ),
+        "{text}"
+    );
+    // One that the vehicle ends is none of these.
+    driven.ended = vec![RunEnd {
+        at_seconds: 39.9,
+        mode: "Fault".into(),
+        reason: Some("Fence".into()),
+        arrived: false,
+    }];
+    let (figures, text) = look(&driven);
+    assert!(!figures.cut, "{figures:?}");
+    assert!(text.contains("driven not to its end"), "{text}");
+}
+
+#[test]
+fn a_mission_that_repeats_is_told_in_rounds() {
+    let mut driven = Driven::new(beside);
+    driven.repeats = true;
+    // The path once more.
+    let (states, located) = (driven.states.clone(), driven.located.clone());
+    let last = driven.states.last().unwrap().at;
+    for (state, at) in states.iter().zip(&located) {
+        let mut state = state.clone();
+        state.at = last + (state.at - states[0].at);
+        driven.states.push(state);
+        driven.located.push(*at);
+    }
+    let (figures, text) = driven.look(|run, mission| {
+        let text = terminal(&Summary::of(run), None);
+        (MissionFigures::of(run, mission), text)
+    });
+    assert_eq!(figures.rounds, Some(1));
+    assert!(text.contains("driven in 1 whole round of 50.0 m"), "{text}");
+}
+
+/// The display shows the reason, and so does the report.
+#[test]
+fn a_run_that_does_not_begin_has_its_reason() {
+    let mut driven = Driven::new(beside);
+    driven.modes.clear();
+    driven
+        .located
+        .iter_mut()
+        .for_each(|located| located.stage = None);
+    driven.ended = vec![RunEnd {
+        at_seconds: 12.3,
+        mode: "Fault".into(),
+        reason: Some("FarOff".into()),
+        arrived: false,
+    }];
+    let text = driven.look(|run, _| terminal(&Summary::of(run), None));
+    assert!(
+        text.contains("no run began, refused at 12.3 s: mode Fault, reason FarOff\n"),
+        "{text}"
+    );
 }
 
 #[test]

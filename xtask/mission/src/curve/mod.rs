@@ -183,11 +183,13 @@ impl fmt::Display for CurveError {
                 f,
                 "the curve is {length:.0} m long; resampled, a curve has up to {MOST_SAMPLES} points"
             ),
-            Self::Repeated { point } => write!(f, "points[{point}]: it is the point before again"),
+            Self::Repeated { point } => {
+                write!(f, "point {}: it is the point before again", point + 1)
+            }
             Self::Reversal { point, place } => write!(
                 f,
-                "points[{point}]: the curve doubles back there ({place}); split it in two legs, or resample it if its points \
-                 are noisy"
+                "point {}: the curve doubles back there ({place}); split it in two legs, or resample it if its points are noisy",
+                point + 1
             ),
         }
     }

@@ -179,6 +179,9 @@ pub(super) fn lengthen(
     }
 }
 
+/// With as many pieces as along an edge, another direction is taken only if they are longer by this factor.
+const MORE: f64 = 1.02;
+
 /// The direction with the fewest pieces, rad clockwise from north in [0, pi).
 pub(super) fn fewest(areas: &[Area], options: &Options) -> f64 {
     let mut edges: Vec<(f64, f64)> = areas
@@ -196,14 +199,27 @@ pub(super) fn fewest(areas: &[Area], options: &Options) -> f64 {
         let length: f64 = cut.pieces.iter().map(|piece| piece.to - piece.from).sum();
         (cut.pieces.len() + cut.too_short, length)
     };
-    let all = edges.chain(degrees).map(|bearing| (cost(bearing), bearing));
-    let best = all.min_by(|((count, length), _), ((other_count, other_length), _)| {
-        // Lengths that differ in their last bits are the same: the edge, which comes first, is taken.
-        let lengths = match (length - other_length).abs() < 1e-6 * length {
-            true => std::cmp::Ordering::Equal,
-            false => other_length.total_cmp(length),
-        };
-        count.cmp(other_count).then(lengths)
-    });
-    best.map_or(0.0, |(_, bearing)| bearing)
+    let best = |bearings: &mut dyn Iterator<Item = f64>| {
+        let all = bearings.map(|bearing| (cost(bearing), bearing));
+        all.min_by(|((count, length), _), ((other_count, other_length), _)| {
+            // Lengths that differ in their last bits are the same: the first one is taken.
+            let lengths = match (length - other_length).abs() < 1e-6 * length {
+                true => std::cmp::Ordering::Equal,
+                false => other_length.total_cmp(length),
+            };
+            count.cmp(other_count).then(lengths)
+        })
+    };
+    let Some(((fewest, length), edge)) = best(&mut { edges }) else {
+        return 0.0;
+    };
+    // Swaths a degree askew are a little longer than those along an edge, and work no more of the field.
+    match best(&mut { degrees }) {
+        Some(((count, longer), degree))
+            if count < fewest || count == fewest && longer > MORE * length =>
+        {
+            degree
+        }
+        _ => edge,
+    }
 }

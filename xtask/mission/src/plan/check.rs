@@ -96,14 +96,14 @@ fn header(plan: &Plan) -> Outcome {
 
 fn coordinates(field: &str, place: Local) -> Outcome {
     within(
-        &format!("{field}.north"),
+        &format!("{field}, north"),
         place.north,
         -FARTHEST,
         FARTHEST,
         "m",
     )?;
     within(
-        &format!("{field}.east"),
+        &format!("{field}, east"),
         place.east,
         -FARTHEST,
         FARTHEST,
@@ -127,11 +127,13 @@ fn ring(field: &str, corners: &[Local]) -> Outcome {
         ));
     }
     for (index, corner) in corners.iter().enumerate() {
-        coordinates(&format!("{field}[{index}]"), *corner)?;
+        coordinates(&format!("corner {} of {field}", index + 1), *corner)?;
     }
     if let Some((one, other)) = polygon::crossing(corners) {
         return Err(format!(
-            "{field}: the side from corner {one} meets the side from corner {other}, a polygon without crossings is accepted"
+            "{field}: the side from corner {} meets the side from corner {}, a polygon without crossings is accepted",
+            one + 1,
+            other + 1
         ));
     }
     let least = if field == "fence" {
@@ -159,7 +161,7 @@ fn leg(leg: &Leg, before: Option<&Leg>, plan: &Plan) -> Outcome {
     let field = |index: usize| match (&leg.shape, index) {
         (Shape::Line { .. }, 0) => "from".to_owned(),
         (Shape::Line { .. }, _) => "to".to_owned(),
-        _ => format!("points[{index}]"),
+        _ => format!("point {}", index + 1),
     };
     if !(2..=MOST_POINTS).contains(&points.len()) {
         return Err(format!(
@@ -194,8 +196,8 @@ fn leg(leg: &Leg, before: Option<&Leg>, plan: &Plan) -> Outcome {
     let mut pairs = points.iter().zip(points.iter().skip(1));
     if let Some(index) = pairs.position(|(one, next)| one.distance(*next) < CLOSEST) {
         return Err(format!(
-            "points[{}]: it is the point before again, points at least {CLOSEST} m apart are accepted",
-            index + 1
+            "point {}: it is the point before again, points at least {CLOSEST} m apart are accepted",
+            index + 2
         ));
     }
     let (begin, _) = leg.shape.ends();

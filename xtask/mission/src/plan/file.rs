@@ -213,12 +213,12 @@ impl LegTable {
             }
         };
         let mut outputs = Outputs(0);
-        for (index, section) in self.outputs.iter().enumerate() {
+        for section in &self.outputs {
             let known = u8::try_from(*section).ok();
             let known = known.and_then(|section| Outputs::of(&[section]));
             let Some(Outputs(bit)) = known else {
                 return Err(format!(
-                    "outputs[{index}]: there is no section {section}, 1 to 8 are accepted"
+                    "outputs: there is no section {section}, 1 to 8 are accepted"
                 ));
             };
             outputs.0 |= bit;

@@ -108,14 +108,20 @@ fn start_fix(text: &str) -> Result<Geodetic, ReadError> {
         return Err(ReadError::new("its Field.txt has no line StartFix"));
     }
     let fix = lines.next().unwrap_or_default();
-    let place = match numbers(fix)[..] {
-        [latitude, longitude, ..] => Geodetic::checked(latitude, longitude),
+    // Decimal commas would make four numbers, of which the first two are another place.
+    let numbers: Option<Vec<f64>> = fix
+        .split(',')
+        .map(|part| part.trim().parse().ok())
+        .collect();
+    let place = match numbers.as_deref() {
+        Some([latitude, longitude]) => Geodetic::checked(*latitude, *longitude),
         _ => None,
     };
     let place = place.filter(|place| place.latitude.abs() < 89.0);
     place.ok_or_else(|| {
         ReadError::new(format!(
-            "its Field.txt has {fix:?} below StartFix, a latitude and a longitude in degrees are accepted"
+            "its Field.txt has {fix:?} below StartFix, two numbers with decimal points and a comma between them are accepted: a \
+             latitude within 89 degrees of the equator and a longitude"
         ))
     })
 }

@@ -4,9 +4,12 @@
 //! latitude (`latitude`, `lat`) and longitude (`longitude`, `lon`, `lng`, `long`) in degrees, or north (`north`, `northing`) and east (`east`,
 //! `easting`) in metres; a column `name`, `line`, `track` or `id` tells shapes apart, and so does an empty line. Fields are separated by comma,
 //! semicolon or tab, whichever the headings have most of; unless that is the comma, numbers may have a decimal comma, and with
-//! quotes always. A shape of three points or more whose first point stands again at its end is a boundary, any other one a line. Other columns are not looked at.
+//! quotes always. A shape of three points or more whose first point stands again at its end is a boundary, any other one a line. A boundary
+//! that lies inside a larger one is an obstacle of that. Other columns are not looked at.
+//!
+//! A row that is no place is an error: a boundary without one of its corners can be another field.
 
-use super::{Drawing, ReadError, Role};
+use super::{Drawing, ReadError, Role, no_place};
 use crate::place::{FARTHEST, Frame, Geodetic, Local};
 
 /// Columns of a table.
@@ -15,12 +18,25 @@ struct Columns {
     coordinates: (usize, usize),
     metres: bool,
     group: Option<usize>,
+    /// How many there are.
+    count: usize,
+}
+
+impl Columns {
+    /// What the two coordinates are, for sentences.
+    const fn what(&self) -> (&'static str, &'static str) {
+        if self.metres {
+            ("north", "east")
+        } else {
+            ("latitude", "longitude")
+        }
+    }
 }
 
 /// Reads the text of a table. `frame` says where metres are measured from; without one, a table in metres is refused.
 ///
 /// # Errors
-/// [`ReadError`] if columns or frame are missing, or no row can be used.
+/// [`ReadError`] if columns or frame are missing, a row is no place, or there is no row.
 pub fn read(text: &str, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
     let empty = |text: &str| {
         let lines = text.lines();
@@ -65,10 +81,17 @@ pub fn read(text: &str, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
     for record in records {
         // Text is UTF-8 and rows may have any length, so no row is an error.
         let Ok(record) = record else { continue };
+        // Files that were put together repeat their headings.
+        if record == headings {
+            table.end();
+            continue;
+        }
         let line = line(&record, text);
-        table.row(&record, line, &columns, separator, frame);
+        let row = table.row(&record, line, &columns, separator, frame);
+        row.map_err(|why| ReadError::new(format!("line {line}: {why}")))?;
     }
     table.end();
+    table.drawing.nest();
     table.drawing.finish()
 }
 
@@ -175,6 +198,7 @@ fn columns(headings: &::csv::StringRecord) -> Result<Columns, ReadError> {
         coordinates,
         metres,
         group: find(&["name", "line", "track", "id"]),
+        count: headings.len(),
     })
 }
 
@@ -200,7 +224,19 @@ fn number(field: &str) -> Option<f64> {
     value.filter(|value: &f64| value.is_finite())
 }
 
+/// Why a row is no place, if decimal commas may be the cause.
+fn commas(separator: u8) -> &'static str {
+    match separator {
+        b',' => " (decimal commas need another separator or quotes)",
+        _ => "",
+    }
+}
+
 impl Table {
+    /// A row.
+    ///
+    /// # Errors
+    /// It is no place.
     fn row(
         &mut self,
         row: &::csv::StringRecord,
@@ -208,7 +244,7 @@ impl Table {
         columns: &Columns,
         separator: u8,
         frame: &Frame,
-    ) {
+    ) -> Result<(), String> {
         let empty = row.iter().all(str::is_empty);
         // The reader passes over lines without a character.
         if line > self.last + 1 || empty {
@@ -216,26 +252,37 @@ impl Table {
         }
         self.last = line;
         if empty {
-            return;
+            return Ok(());
         }
         let name = columns.group.and_then(|group| row.get(group));
         if name.map(str::to_owned) != self.group && columns.group.is_some() {
             self.end();
             self.group = name.map(str::to_owned);
         }
-        let field = |index| row.get(index).and_then(number);
+        if row
+            .iter()
+            .skip(columns.count)
+            .any(|field| !field.is_empty())
+        {
+            return Err(format!(
+                "it has {} fields, as many as there are headings are accepted, {}{}",
+                row.len(),
+                columns.count,
+                commas(separator)
+            ));
+        }
         let (first, second) = columns.coordinates;
-        let (Some(first), Some(second)) = (field(first), field(second)) else {
-            let comma = separator == b',' && row.len() > 2 && columns.group.is_none();
-            self.drawing.skip(
-                match comma {
-                    true => "a row without two numbers (decimal commas need another separator or quotes)",
-                    false => "a row without two numbers",
-                },
-                Some(line),
-            );
-            return;
+        let what = columns.what();
+        let field = |index: usize, what: &str| {
+            let text = row.get(index).unwrap_or_default();
+            number(text).ok_or_else(|| {
+                format!(
+                    "{what} is {text:?}, a number is accepted in each row{}",
+                    commas(separator)
+                )
+            })
         };
+        let (first, second) = (field(first, what.0)?, field(second, what.1)?);
         let place = match columns.metres {
             false => Geodetic::checked(first, second),
             true if first.abs() <= FARTHEST && second.abs() <= FARTHEST => {
@@ -246,13 +293,13 @@ impl Table {
         match place {
             Some(place) => self.points.push(place),
             None if columns.metres => {
-                let why = format!("a row more than {FARTHEST} m from the origin");
-                self.drawing.skip(why, Some(line));
+                return Err(format!(
+                    "{first} m north, {second} m east, at most {FARTHEST} m from the origin are accepted"
+                ));
             }
-            None => self
-                .drawing
-                .skip("a row that is no place of the earth", Some(line)),
+            None => return Err(no_place(first, second)),
         }
+        Ok(())
     }
 
     /// The current shape is complete.

@@ -7,7 +7,7 @@
 use ::geojson::{Geometry, GeometryValue, Position};
 use serde_json::Value;
 
-use super::{Drawing, ReadError, Role};
+use super::{Drawing, ReadError, Role, no_place};
 use crate::place::Geodetic;
 
 /// Reads the text of a file.
@@ -96,8 +96,13 @@ fn add(drawing: &mut Drawing, name: Option<&str>, geometry: GeometryValue) {
         }
         GeometryValue::Polygon { coordinates } => polygon(drawing, name, &coordinates),
         GeometryValue::MultiPolygon { coordinates } => {
-            for coordinates in coordinates {
-                polygon(drawing, name, &coordinates);
+            // Whoever asks for one by its name must be able to tell them apart.
+            let several = coordinates.len() > 1;
+            for (number, coordinates) in (1..).zip(coordinates) {
+                let part = name
+                    .filter(|_| several)
+                    .map(|name| format!("{name} {number}"));
+                polygon(drawing, part.as_deref().or(name), &coordinates);
             }
         }
         GeometryValue::GeometryCollection { geometries } => {
@@ -111,32 +116,46 @@ fn add(drawing: &mut Drawing, name: Option<&str>, geometry: GeometryValue) {
     }
 }
 
-/// Places of positions; `None` if one of them is not on the earth.
-fn places(positions: &[Position]) -> Option<Vec<Geodetic>> {
+/// Places of positions.
+///
+/// # Errors
+/// One of them is not on the earth.
+fn places(positions: &[Position]) -> Result<Vec<Geodetic>, String> {
     let place = |position: &Position| match position.as_slice() {
-        [longitude, latitude, ..] => Geodetic::checked(*latitude, *longitude),
-        _ => None,
+        [longitude, latitude, ..] => {
+            Geodetic::checked(*latitude, *longitude).ok_or_else(|| no_place(*latitude, *longitude))
+        }
+        _ => Err("a position of fewer than two numbers".into()),
     };
     positions.iter().map(place).collect()
 }
 
-const NOT_DEGREES: &str = "a shape whose coordinates are not longitude and latitude in degrees";
+/// A shape of which a position is not on the earth.
+fn unplaced(drawing: &mut Drawing, name: Option<&str>, why: &str) {
+    let named = name.map_or_else(String::new, |name| format!(" {name:?}"));
+    drawing.skip(
+        format!(
+            "a shape{named} whose coordinates are not longitude and latitude in degrees: {why}"
+        ),
+        None,
+    );
+}
 
 fn line(drawing: &mut Drawing, name: Option<&str>, positions: &[Position]) {
     match places(positions) {
-        Some(places) => drawing.add_line(name, Role::Guidance, places),
-        None => drawing.skip(NOT_DEGREES, None),
+        Ok(places) => drawing.add_line(name, Role::Guidance, places),
+        Err(why) => unplaced(drawing, name, &why),
     }
 }
 
 fn polygon(drawing: &mut Drawing, name: Option<&str>, rings: &[Vec<Position>]) {
-    let rings: Option<Vec<_>> = rings.iter().map(|ring| places(ring)).collect();
+    let rings: Result<Vec<_>, String> = rings.iter().map(|ring| places(ring)).collect();
     match rings {
-        None => drawing.skip(NOT_DEGREES, None),
-        Some(mut rings) if !rings.is_empty() => {
+        Err(why) => unplaced(drawing, name, &why),
+        Ok(mut rings) if !rings.is_empty() => {
             let outer = rings.remove(0);
             drawing.add_polygon(name, Role::Boundary, outer, rings);
         }
-        Some(_) => drawing.skip("a polygon without a ring", None),
+        Ok(_) => drawing.skip("a polygon without a ring", None),
     }
 }

@@ -180,11 +180,10 @@ fn polygon(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
 
 /// True if the first corner of a hole is inside a ring.
 fn encloses(outer: &[Geodetic], hole: &[Geodetic]) -> bool {
-    // Degrees instead of metres: that stretches the picture, which changes no inside.
-    let flat = |place: &Geodetic| Local::new(place.latitude, place.longitude);
-    let outer: Vec<Local> = outer.iter().map(flat).collect();
+    let outer = super::flat(outer);
+    let hole = super::flat(hole);
     hole.first()
-        .is_some_and(|corner| crate::polygon::holds(&outer, flat(corner), 0.0))
+        .is_some_and(|corner| crate::polygon::holds(&outer, *corner, 0.0))
 }
 
 fn guidance(drawing: &mut Drawing, group: Option<&str>, pattern: Node) {

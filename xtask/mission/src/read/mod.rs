@@ -1,7 +1,7 @@
 //! Readers of other tools' files: lines, curves and boundaries, in latitude and longitude.
 //!
-//! Real files are messy. What a reader cannot use it leaves out and counts ([`Skipped`]); it refuses a file only if
-//! nothing in it can be used, with one sentence ([`ReadError`]).
+//! Real files are messy. What a reader cannot use it leaves out and counts ([`Skipped`]). It refuses a file, with one sentence
+//! ([`ReadError`]), if nothing in it can be used, or if a row of a table is no place: without a corner a boundary can be another field.
 //!
 //! | format | reader | source of the format |
 //! | --- | --- | --- |
@@ -18,7 +18,8 @@ pub mod isoxml;
 use std::fmt;
 use std::path::Path;
 
-use crate::place::{Frame, Geodetic};
+use crate::place::{Frame, Geodetic, Local};
+use crate::polygon;
 
 /// Length of a line of which a file has the beginning and the direction only, m.
 pub const DIRECTED: f64 = 100.0;
@@ -37,6 +38,8 @@ pub struct Drawing {
     pub shapes: Vec<Named>,
     /// Parts of the file that were left out.
     pub skipped: Vec<Skipped>,
+    /// What the reader has made of the file beyond its words, a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// A shape and its name.
@@ -213,6 +216,72 @@ impl Drawing {
         self.add(name, role, Shape::Polygon { outer, holes });
     }
 
+    /// Makes boundaries that lie inside a larger one obstacles of the smallest such one: for formats in which an area has no holes.
+    /// What lies inside such an obstacle stays a boundary.
+    fn nest(&mut self) {
+        let rings: Vec<Option<Vec<Local>>> = self
+            .shapes
+            .iter()
+            .map(|named| match &named.shape {
+                Shape::Polygon { outer, .. } => Some(flat(outer)),
+                _ => None,
+            })
+            .collect();
+        let area = |index: usize| {
+            let ring = rings.get(index).and_then(Option::as_ref);
+            ring.map_or(0.0, |ring| polygon::area(ring).abs())
+        };
+        let inside = |inner: &[Local], outer: &[Local]| {
+            let mut corners = inner.iter();
+            corners.all(|corner| polygon::holds(outer, *corner, 0.0))
+        };
+        // For each shape those around it, the smallest first.
+        let around: Vec<Vec<usize>> = rings
+            .iter()
+            .enumerate()
+            .map(|(index, ring)| {
+                let Some(ring) = ring else { return Vec::new() };
+                let mut around: Vec<usize> = (0..rings.len())
+                    .filter(|other| area(*other) > area(index))
+                    .filter(|other| {
+                        rings[*other]
+                            .as_ref()
+                            .is_some_and(|outer| inside(ring, outer))
+                    })
+                    .collect();
+                around.sort_by(|one, other| area(*one).total_cmp(&area(*other)));
+                around
+            })
+            .collect();
+        let shapes = std::mem::take(&mut self.shapes);
+        let mut kept: Vec<Option<Named>> = shapes.into_iter().map(Some).collect();
+        for (index, around) in around.iter().enumerate() {
+            let (Some(outside), 1) = (around.first(), around.len() % 2) else {
+                continue;
+            };
+            let Some(Named {
+                name,
+                shape: Shape::Polygon { outer: ring, .. },
+                ..
+            }) = kept[index].take()
+            else {
+                continue;
+            };
+            if let Some(Named {
+                name: field,
+                shape: Shape::Polygon { holes, .. },
+                ..
+            }) = &mut kept[*outside]
+            {
+                holes.push(ring);
+                self.notes.push(format!(
+                    "the shape {name:?} lies inside {field:?} and is an obstacle of it"
+                ));
+            }
+        }
+        self.shapes = kept.into_iter().flatten().collect();
+    }
+
     /// The drawing, if there is something in it.
     fn finish(self) -> Result<Self, ReadError> {
         if !self.shapes.is_empty() {
@@ -228,6 +297,26 @@ impl Drawing {
             self.format
         )))
     }
+}
+
+/// Corners as a plane figure in degrees: that stretches it, which changes no inside.
+fn flat(corners: &[Geodetic]) -> Vec<Local> {
+    let corners = corners.iter();
+    corners
+        .map(|place| Local::new(place.latitude, place.longitude))
+        .collect()
+}
+
+/// Says that two numbers are no place of the earth, and whether they would be one if they were interchanged.
+fn no_place(latitude: f64, longitude: f64) -> String {
+    let interchanged = match Geodetic::checked(longitude, latitude) {
+        Some(_) => "; they may be interchanged",
+        None => "",
+    };
+    format!(
+        "latitude {latitude}, longitude {longitude} is no place of the earth, -90 to 90 and -180 to 180 degrees are \
+         accepted{interchanged}"
+    )
 }
 
 /// Corners of a ring without repetitions and without the first one at the end; `None` for fewer than three.

@@ -258,10 +258,23 @@ fn hopeless_folders_are_refused_in_a_sentence() {
         .to_string()
     };
     assert_eq!(refused("$FieldDir\n"), "its Field.txt has no line StartFix");
-    assert_eq!(
-        refused("StartFix\nx,7\n"),
-        "its Field.txt has \"x,7\" below StartFix, a latitude and a longitude in degrees are accepted"
-    );
+    // Decimal commas: the first two numbers are another place.
+    for fix in [
+        "x,7",
+        "40,83,-96,66",
+        "40.83,-96.66,",
+        "40.83",
+        "89.5,7",
+        "NaN,7",
+    ] {
+        assert_eq!(
+            refused(&format!("StartFix\n{fix}\n")),
+            format!(
+                "its Field.txt has {fix:?} below StartFix, two numbers with decimal points and a comma between them are \
+                 accepted: a latitude within 89 degrees of the equator and a longitude"
+            )
+        );
+    }
     assert_eq!(
         refused(FIELD),
         "there is no line, curve or boundary in this AgOpenGPS file"

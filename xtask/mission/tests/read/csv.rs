@@ -11,7 +11,6 @@ a,51.001,7.0,1
 b,51.0,7.001,1
 b,51.001,7.001,1
 b,51.001,7.002,1
-b,,7.002,1
 b,51.0,7.001,1
 ";
 
@@ -49,7 +48,7 @@ fn shapes_are_told_apart_by_a_column() {
             ("b", Role::Boundary, vec![3])
         ]
     );
-    assert_eq!(skipped(&drawing), ["a row without two numbers (line 7)"]);
+    assert_eq!(skipped(&drawing), [""; 0]);
 }
 
 #[test]
@@ -74,21 +73,105 @@ fn an_empty_line_ends_a_shape() {
     assert_eq!(drawing.shapes.len(), 3);
 }
 
+/// A boundary without one of its corners can be another field, and its fence would leave the field.
 #[test]
-fn rows_that_are_no_places_are_counted() {
-    let drawing = metres("north;east\n0;0\n9;0\nx;1\n99999;0\n;2\n1e400;0\n");
+fn a_row_that_is_no_place_is_refused() {
+    let refused = |row: &str| {
+        let text = format!("north,east\n0,0\n60,0\n60,20\n{row}\n25,50\n0,50\n0,0\n");
+        read(&text, Some(&frame())).unwrap_err().to_string()
+    };
+    let commas =
+        "a number is accepted in each row (decimal commas need another separator or quotes)";
+    for (row, said) in [
+        ("25,", format!("line 5: east is \"\", {commas}")),
+        ("25", format!("line 5: east is \"\", {commas}")),
+        ("NaN,20", format!("line 5: north is \"NaN\", {commas}")),
+        ("25,inf", format!("line 5: east is \"inf\", {commas}")),
+        ("1e400,0", format!("line 5: north is \"1e400\", {commas}")),
+        ("25,abc", format!("line 5: east is \"abc\", {commas}")),
+        (
+            "99999,0",
+            "line 5: 99999 m north, 0 m east, at most 10000 m from the origin are accepted"
+                .to_owned(),
+        ),
+    ] {
+        assert_eq!(refused(row), said);
+    }
+    // A row that repeats the headings is none.
+    let twice = metres("north,east\n0,0\n9,0\nnorth,east\n5,5\n6,6\n");
+    assert_eq!(twice.shapes.len(), 2);
+}
+
+/// Four numbers in three columns are decimal commas: the first two are another place.
+#[test]
+fn a_row_with_more_fields_than_headings_is_refused() {
+    let text = "name,latitude,longitude\nA,40,83,-96,66\nA,40,84,-96,66\n";
     assert_eq!(
-        skipped(&drawing),
+        read(text, None).unwrap_err().to_string(),
+        "line 2: it has 5 fields, as many as there are headings are accepted, 3 (decimal commas need another separator or \
+         quotes)"
+    );
+    assert!(read("lat,lon\n51,7,\n52,7,\n", None).is_ok());
+}
+
+#[test]
+fn interchanged_coordinates_are_told() {
+    let refused = |text| read(text, None).unwrap_err().to_string();
+    assert_eq!(
+        refused("latitude,longitude\n-96.66,40.83\n-96.65,40.83\n"),
+        "line 2: latitude -96.66, longitude 40.83 is no place of the earth, -90 to 90 and -180 to 180 degrees are accepted; \
+         they may be interchanged"
+    );
+    assert!(refused("lat,lon\n51,7\n51,181\n").ends_with("accepted"));
+    assert!(refused("lat,lon\n51,7\n91,181\n").ends_with("accepted"));
+}
+
+/// What stands in a field is not driven through.
+#[test]
+fn a_shape_inside_another_is_an_obstacle() {
+    let square = |name: &str, north: f64, half: f64| {
+        let corners = [
+            (-1.0, -1.0),
+            (1.0, -1.0),
+            (1.0, 1.0),
+            (-1.0, 1.0),
+            (-1.0, -1.0),
+        ];
+        corners
+            .map(|(n, e)| format!("{name},{},{}\n", north + n * half, e * half))
+            .concat()
+    };
+    // The pole before its field, an island in a pond, and a field beside.
+    let text = [
+        square("pole", 15.0, 0.1),
+        square("home", 0.0, 20.0),
+        square("pond", 0.0, 5.0),
+        square("island", 0.0, 2.0),
+        square("other", 60.0, 20.0),
+    ];
+    let drawing = metres(&format!("name,north,east\n{}", text.concat()));
+    assert_eq!(
+        outline(&drawing),
         [
-            "a row without two numbers (3 times, first in line 4)",
-            "a row more than 10000 m from the origin (line 5)"
+            ("home", Role::Boundary, vec![4, 4, 4]),
+            ("island", Role::Boundary, vec![4]),
+            ("other", Role::Boundary, vec![4]),
         ]
     );
-    let drawing = read("lat,lon\n51,7\n51.1,7\n91,7\n", None).unwrap();
     assert_eq!(
-        skipped(&drawing),
-        ["a row that is no place of the earth (line 4)"]
+        drawing.notes,
+        [
+            "the shape \"pole\" lies inside \"home\" and is an obstacle of it",
+            "the shape \"pond\" lies inside \"home\" and is an obstacle of it",
+        ]
     );
+    // The same shape twice is no obstacle.
+    let twice = metres(&format!(
+        "name,north,east\n{}{}",
+        square("a", 0.0, 9.0),
+        square("b", 0.0, 9.0)
+    ));
+    assert_eq!(twice.shapes.len(), 2);
 }
 
 #[test]
@@ -129,12 +212,16 @@ fn coordinates_in_other_units_are_refused() {
 
 #[test]
 fn a_spreadsheet_may_name_its_separator() {
-    let drawing = read("sep=;\nlat;lon\n51,5;7,25\n51,6;7,25\nx;y\n", None).unwrap();
+    let drawing = read("sep=;\nlat;lon\n51,5;7,25\n51,6;7,25\n", None).unwrap();
     let Shape::Line { from, .. } = &drawing.shapes[0].shape else {
         panic!("{:?}", drawing.shapes);
     };
     assert_eq!((from.latitude, from.longitude), (51.5, 7.25));
-    assert_eq!(drawing.skipped[0].line, Some(5));
+    let refused = read("sep=;\nlat;lon\n51,5;7,25\n51,6;7,25\nx;y\n", None).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "line 5: latitude is \"x\", a number is accepted in each row"
+    );
 }
 
 #[test]

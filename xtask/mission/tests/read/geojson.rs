@@ -53,7 +53,8 @@ fn a_collection_of_features() {
             "an area of fewer than three corners",
             "a feature without a geometry",
             "a point: lines and polygons are read",
-            "a shape whose coordinates are not longitude and latitude in degrees",
+            "a shape whose coordinates are not longitude and latitude in degrees: latitude 5650000, longitude 412000 is no \
+             place of the earth, -90 to 90 and -180 to 180 degrees are accepted",
             "a geometry that is not one of RFC 7946",
         ]
     );
@@ -71,6 +72,36 @@ fn geometries_alone_and_in_a_collection() {
     let feature =
         format!(r#"{{"type":"Feature","properties":{{"label":" x "}},"geometry":{line}}}"#);
     assert_eq!(read(&feature).unwrap().shapes[0].name, "x");
+}
+
+#[test]
+fn interchanged_coordinates_are_told() {
+    let file = r#"{"type":"Feature","properties":{"name":"A"},"geometry":{"type":"LineString","coordinates":[[40.83,-96.66],[40.84,-96.66]]}}"#;
+    assert_eq!(
+        read(file).unwrap_err().to_string(),
+        "there is no line, curve or boundary in this GeoJSON file; left out: a shape \"A\" whose coordinates are not longitude \
+         and latitude in degrees: latitude -96.66, longitude 40.83 is no place of the earth, -90 to 90 and -180 to 180 degrees \
+         are accepted; they may be interchanged"
+    );
+}
+
+/// `--field` takes one of them by its name.
+#[test]
+fn the_parts_of_a_multipolygon_have_names_of_their_own() {
+    let ring = |west: u8| format!("[[[{west},51],[{west}.1,51],[{west}.1,51.1],[{west},51]]]");
+    let read_of = |rings: &[String]| {
+        let rings = rings.join(",");
+        read(&format!(
+            r#"{{"type":"Feature","properties":{{"name":"M"}},"geometry":{{"type":"MultiPolygon","coordinates":[{rings}]}}}}"#
+        ))
+        .unwrap()
+    };
+    let names = |rings: &[String]| -> Vec<String> {
+        let shapes = read_of(rings).shapes;
+        shapes.into_iter().map(|named| named.name).collect()
+    };
+    assert_eq!(names(&[ring(7), ring(8)]), ["M 1", "M 2"]);
+    assert_eq!(names(&[ring(7)]), ["M"]);
 }
 
 #[test]

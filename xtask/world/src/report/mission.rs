@@ -138,6 +138,15 @@ impl MissionRun<'_> {
 pub struct MissionFigures {
     /// Whether the vehicle came to its end.
     pub finished: bool,
+    /// Whether the vehicle still drove it when the time of the run was over.
+    #[serde(default)]
+    pub cut: bool,
+    /// How often it was driven from its first leg to its last one and back, if it repeats; `null` if it does not.
+    #[serde(default)]
+    pub rounds: Option<usize>,
+    /// Length of its path, once through.
+    #[serde(default)]
+    pub path_m: f64,
     /// What ended the last run before that; `null` if nothing did.
     pub ended: Option<RunEnd>,
     /// From the first motion on the path to its end or the run's.
@@ -353,9 +362,12 @@ impl<'a> Drive<'a> {
         let switched = borders.iter().filter_map(|border| border.behind);
         MissionFigures {
             finished,
+            cut: goes_on && !finished,
+            rounds: self.rounds(),
+            path_m: rounded(end, 3),
             ended: ended.last().filter(|_| !finished && !goes_on).cloned(),
             time_seconds: rounded(arrived.zip(first).map_or(0.0, |(to, from)| to - from), 3),
-            way_m: rounded(reached, 3),
+            way_m: rounded(self.way(reached), 3),
             stops: self.stops(self.mission.ends.then_some(end)),
             mean_cm: legs.figure(Errors::mean_cm),
             deviation_cm: legs.figure(Errors::deviation_cm),
@@ -367,6 +379,34 @@ impl<'a> Drive<'a> {
             legs: self.legs(&borders),
             turns: self.turns(),
         }
+    }
+
+    /// Way along the path, m, with all of its rounds.
+    fn way(&self, reached: f64) -> f64 {
+        match self.rounds() {
+            Some(rounds @ 1..) => {
+                let last = self.followed().last();
+                let along = last.map_or(0.0, |(_, located, _)| located.along);
+                rounds as f64 * self.mission.length() + along
+            }
+            _ => reached,
+        }
+    }
+
+    /// How often the path was driven to its end, of one that begins again.
+    fn rounds(&self) -> Option<usize> {
+        if self.mission.ends {
+            return None;
+        }
+        // Where the path begins again, the way along it falls back by more than half of it.
+        let half = self.mission.length() * 0.5;
+        let mut before = None;
+        let mut rounds = 0;
+        for (_, located, _) in self.followed() {
+            rounds += usize::from(before.is_some_and(|before| located.along < before - half));
+            before = Some(located.along);
+        }
+        Some(rounds)
     }
 
     /// How often the vehicle stood on its way.
@@ -432,7 +472,8 @@ impl<'a> Drive<'a> {
             let fits = |border: &&mut Border| {
                 border.section == switch.section
                     && border.on == switch.on
-                    && border.behind.is_none()
+                    // Each round has it once more.
+                    && (border.behind.is_none() || !self.mission.ends)
                     && (border.along - along).abs() <= NEAR
             };
             let nearest = borders.iter_mut().filter(fits).min_by(|one, other| {
@@ -440,7 +481,15 @@ impl<'a> Drive<'a> {
                 far(one).total_cmp(&far(other))
             });
             match nearest {
-                Some(border) => border.behind = Some(along - border.along),
+                Some(border) => {
+                    let behind = along - border.along;
+                    let worse = border
+                        .behind
+                        .is_none_or(|before| behind.abs() > before.abs());
+                    if worse {
+                        border.behind = Some(behind);
+                    }
+                }
                 None => extra += 1,
             }
         }

@@ -121,19 +121,34 @@ fn write_machine(t: &mut String, s: &Summary) -> core::fmt::Result {
         }
     }
     if let Some(mission) = &s.mission {
-        write_mission(t, mission)?;
+        write_mission(t, mission, !s.autonomous_runs.is_empty())?;
     }
     Ok(())
 }
 
-fn write_mission(t: &mut String, mission: &MissionFigures) -> core::fmt::Result {
-    let end = match mission.finished {
-        true => "to its end",
-        false => "not to its end",
+/// How far a mission was driven.
+fn driven_to(mission: &MissionFigures) -> String {
+    let cut = match mission.cut {
+        true => ", then the time of the run was over",
+        false => "",
     };
+    match mission.rounds {
+        Some(rounds) => {
+            let rounds = counted(rounds as u64, "whole round", "whole rounds");
+            format!("in {rounds} of {:.1} m{cut}", mission.path_m)
+        }
+        None if mission.finished => "to its end".into(),
+        None if mission.cut => format!("for a part of its {:.1} m{cut}", mission.path_m),
+        None => "not to its end".into(),
+    }
+}
+
+/// `begun` says whether there was a run.
+fn write_mission(t: &mut String, mission: &MissionFigures, begun: bool) -> core::fmt::Result {
     writeln!(
         t,
-        "  mission driven {end}: {:.1} m in {:.1} s with {}",
+        "  mission driven {}: {:.1} m in {:.1} s with {}",
+        driven_to(mission),
         mission.way_m,
         mission.time_seconds,
         counted(mission.stops as u64, "stop", "stops")
@@ -141,9 +156,13 @@ fn write_mission(t: &mut String, mission: &MissionFigures) -> core::fmt::Result 
     if let Some(end) = &mission.ended {
         let reason = end.reason.as_ref();
         let reason = reason.map_or_else(String::new, |reason| format!(", reason {reason}"));
+        let what = match begun {
+            true => "its run ended",
+            false => "no run began, refused",
+        };
         writeln!(
             t,
-            "    its run ended at {:.1} s: mode {}{reason}",
+            "    {what} at {:.1} s: mode {}{reason}",
             end.at_seconds, end.mode
         )?;
     }

@@ -19,11 +19,22 @@ impl fmt::Display for ScenarioError {
 impl core::error::Error for ScenarioError {}
 
 impl ScenarioError {
-    /// `names` are the vehicle's scenarios, `others` the vehicles that have one of this name.
-    pub(super) fn unknown(name: &str, vehicle: &str, names: &[String], others: &[String]) -> Self {
+    /// `names` are the vehicle's scenarios outside folders, and those in folders that may be meant; `inside` are those in
+    /// folders; `others` the vehicles that have one of this name.
+    pub(super) fn unknown(
+        name: &str,
+        vehicle: &str,
+        names: &[String],
+        inside: &[String],
+        others: &[String],
+    ) -> Self {
         let choice = match names {
             [] => format!("vehicle {vehicle:?} has none of its own, name"),
             names => format!("name one of {} or", names.join(", ")),
+        };
+        let more = match inside {
+            [] => String::new(),
+            inside => format!("; in folders it has {}", inside.join(", ")),
         };
         let elsewhere = match others {
             [] => String::new(),
@@ -32,7 +43,7 @@ impl ScenarioError {
         Self {
             sentence: format!(
                 "there is no scenario {name:?} of vehicle {vehicle:?}: {choice} the path of a TOML \
-                 file{elsewhere}"
+                 file{more}{elsewhere}"
             ),
         }
     }

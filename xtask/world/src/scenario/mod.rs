@@ -344,6 +344,14 @@ fn names(vehicle: &Vehicle) -> Vec<String> {
     names.into_iter().chain(inside).collect()
 }
 
+/// The scenarios in folders that [`beside`] does not name.
+fn inside(vehicle: &Vehicle, name: &str) -> Vec<String> {
+    let told = beside(vehicle, name);
+    let mut inside = names(vehicle);
+    inside.retain(|one| one.contains('/') && !told.contains(one));
+    inside
+}
+
 /// Names of the other vehicles beside this one that have a scenario of this name.
 fn others(vehicle: &Vehicle, name: &str) -> Vec<String> {
     let Some(vehicles) = vehicle.crate_folder().parent() else {
@@ -390,6 +398,7 @@ impl Scenario {
                 name,
                 vehicle.name(),
                 &beside(vehicle, name),
+                &inside(vehicle, name),
                 &others(vehicle, name),
             ));
         }
