@@ -354,7 +354,7 @@ fn a_mission_that_repeats_is_told_in_rounds() {
     let (states, located) = (driven.states.clone(), driven.located.clone());
     let last = driven.states.last().unwrap().at;
     for (state, at) in states.iter().zip(&located) {
-        let mut state = state.clone();
+        let mut state = *state;
         state.at = last + (state.at - states[0].at);
         driven.states.push(state);
         driven.located.push(*at);
