@@ -104,9 +104,13 @@ impl Workspace {
     }
 
     /// Removes what was built for boards in another folder, if the target folder was moved with its workspace. Cargo
-    /// takes it for fresh, but its debug information names sources that are no longer there.
+    /// takes it for fresh, but its debug information names sources that are no longer there. A target folder of a place of
+    /// its own may be that of several workspaces, so nothing is removed there.
     pub(crate) fn forget_moved(&self) {
         let target = self.target();
+        if target != self.root.join("target") {
+            return;
+        }
         let noted = target.join(".images-of");
         let here = self.root.as_os_str().as_encoded_bytes();
         let is_here = || fs::read(&noted).map(|there| there == here);
@@ -219,6 +223,10 @@ mod tests {
             assert!(built(&before).is_file());
         }
         fs::rename(&before, &after).unwrap();
+        let shared = after.join("target");
+        let other = Workspace::at(folder.path()).with_target_folder(&shared);
+        other.forget_moved();
+        assert!(built(&after).is_file());
         Workspace::at(&after).forget_moved();
         assert!(!built(&after).exists());
     }

@@ -72,14 +72,14 @@ pub fn folder(folder: &Path) -> Result<Drawing, ReadError> {
 /// Reads the texts of a field's files.
 ///
 /// # Errors
-/// [`ReadError`] if there is no `StartFix`, no boundary and no line.
+/// [`ReadError`] if there is no `StartFix`, a line of the boundary is none, or there is no boundary and no line.
 pub fn read(files: &Files) -> Result<Drawing, ReadError> {
     let plane = Plane::new(start_fix(files.field)?);
     let mut drawing = Drawing::new("AgOpenGPS");
     drawing.origin = Some(plane.origin);
     let mut field = Field { plane, drawing };
     if let Some(text) = files.boundary {
-        field.boundary(&mut Lines::new(text, "Boundary.txt"));
+        field.boundary(&mut Lines::new(text, "Boundary.txt"))?;
     }
     let parts = |drawing: &Drawing| drawing.shapes.len() + drawing.skipped.len();
     let before = parts(&field.drawing);
@@ -272,7 +272,29 @@ impl Field {
         places
     }
 
-    fn boundary(&mut self, lines: &mut Lines) {
+    /// The next `count` lines as the corners of a boundary.
+    ///
+    /// # Errors
+    /// One is none: without it this would be another field.
+    fn corners(&self, lines: &mut Lines, count: usize) -> Result<Vec<Geodetic>, ReadError> {
+        let corner = |_| {
+            let line = lines.next().unwrap_or_default();
+            let place = match numbers(line)[..] {
+                [east, north, ..] => self.plane.place(Local::new(north, east)),
+                _ => None,
+            };
+            place.ok_or_else(|| {
+                ReadError::new(format!(
+                    "line {} of {} is {line:?}: easting, northing and heading of a corner are accepted, at most {FARTHEST} m \
+                     from the StartFix",
+                    lines.number, lines.file
+                ))
+            })
+        };
+        (0..count).map(corner).collect()
+    }
+
+    fn boundary(&mut self, lines: &mut Lines) -> Result<(), ReadError> {
         lines.heading();
         let mut rings: Vec<Vec<Geodetic>> = Vec::new();
         let mut number = 0;
@@ -284,12 +306,13 @@ impl Field {
                     line = lines.next().unwrap_or_default();
                 }
             }
-            let count = line.parse().ok().filter(|count| *count <= MOST);
-            let Some(Ok(points)) = count.map(|count| self.points(lines, count)) else {
-                self.cut(lines);
-                break;
+            let Some(count) = line.parse().ok().filter(|count| *count <= MOST) else {
+                return Err(ReadError::new(format!(
+                    "line {} of {} is {line:?}, and the number of a boundary's corners is accepted",
+                    lines.number, lines.file
+                )));
             };
-            let ring = self.places(&points, lines);
+            let ring = self.corners(lines, count)?;
             match number {
                 0 => rings.push(ring),
                 _ if through => self.drawing.skip(
@@ -304,6 +327,7 @@ impl Field {
             let outer = rings.remove(0);
             self.drawing.add_polygon(None, Role::Boundary, outer, rings);
         }
+        Ok(())
     }
 
     fn ab_lines(&mut self, text: &str) {

@@ -149,6 +149,13 @@ fn polygon(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
     let (mut outers, mut holes) = (Vec::new(), Vec::new());
     for string in polygon.children().filter(|child| child.has_tag_name("LSG")) {
         let Some(places) = places(drawing, string) else {
+            // Without one of its rings a field would be another, or lose an obstacle.
+            if matches!(role, Role::Boundary | Role::Obstacle) {
+                drawing.damage(format!(
+                    "a polygon has a ring with a point that has no latitude C and longitude D{}",
+                    line(string).map_or_else(String::new, |line| format!(" (line {line})"))
+                ));
+            }
             continue;
         };
         match kind(string, "A") {

@@ -40,6 +40,8 @@ pub struct Drawing {
     pub skipped: Vec<Skipped>,
     /// What the reader has made of the file beyond its words, a sentence each.
     pub notes: Vec<String>,
+    /// Why it cannot be used at all.
+    damage: Option<String>,
 }
 
 /// A shape and its name.
@@ -138,6 +140,11 @@ impl Drawing {
             format,
             ..Self::default()
         }
+    }
+
+    /// Notes why the whole file cannot be used; the first cause counts.
+    fn damage(&mut self, why: String) {
+        self.damage.get_or_insert(why);
     }
 
     /// Counts something that is left out.
@@ -284,6 +291,9 @@ impl Drawing {
 
     /// The drawing, if there is something in it.
     fn finish(self) -> Result<Self, ReadError> {
+        if let Some(why) = self.damage {
+            return Err(ReadError::new(why));
+        }
         if !self.shapes.is_empty() {
             return Ok(self);
         }

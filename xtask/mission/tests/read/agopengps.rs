@@ -247,6 +247,47 @@ fn a_cut_file_is_read_up_to_its_cut() {
     );
 }
 
+/// Without one of its corners, or of its obstacles, a boundary is another field.
+#[test]
+fn a_boundary_is_read_whole_or_not_at_all() {
+    let refused = |from: &str, to: &str| {
+        let text = BOUNDARY.replacen(from, to, 1);
+        let error = read(&Files {
+            field: FIELD,
+            boundary: Some(&text),
+            ..Files::default()
+        });
+        error.unwrap_err().to_string()
+    };
+    for (from, to, line) in [
+        (
+            "100,200,3.14159",
+            "100,",
+            "line 6 of Boundary.txt is \"100,\"",
+        ),
+        (
+            "100,200,3.14159",
+            "x,y,z",
+            "line 6 of Boundary.txt is \"x,y,z\"",
+        ),
+        (
+            "100,200",
+            "100,2e9",
+            "line 6 of Boundary.txt is \"100,2e9,3.14159\"",
+        ),
+        ("52,52,0\n", "", "line 14 of Boundary.txt is \"True\""),
+        (
+            "True\n3\n",
+            "True\nthree\n",
+            "line 16 of Boundary.txt is \"three\"",
+        ),
+        ("12,12,0\n", "", "line 18 of Boundary.txt is \"\""),
+    ] {
+        let said = refused(from, to);
+        assert!(said.starts_with(line), "{to:?}: {said}");
+    }
+}
+
 #[test]
 fn hopeless_folders_are_refused_in_a_sentence() {
     let refused = |field: &str| {

@@ -174,3 +174,34 @@ fn hopeless_files_are_refused_in_a_sentence() {
          (line 1)"
     );
 }
+
+/// Without one of its rings a field would be another one, or lose an obstacle. A ring that is none of the two is left out.
+#[test]
+fn a_polygon_is_read_whole_or_not_at_all() {
+    let field = |kind: u32, string: u32, ring: u32| {
+        let ring_of = |side: f64, bad: bool| {
+            let corners = [(0.0, 0.0), (side, 0.0), (side, side)];
+            let points = corners.map(|(north, east)| {
+                format!("<PNT A=\"2\" C=\"{}\" D=\"{}\"/>", 51.0 + north, 7.0 + east)
+            });
+            let bad = if bad { "<PNT A=\"2\" C=\"51\"/>" } else { "" };
+            points.concat() + bad
+        };
+        format!(
+            "<ISO11783_TaskData><PFD A=\"PFD1\"><PLN A=\"1\"><LSG A=\"1\">{}</LSG></PLN><PLN A=\"{kind}\"><LSG A=\"1\">{}</LSG><LSG \
+             A=\"{string}\">{}</LSG></PLN></PFD></ISO11783_TaskData>",
+            ring_of(0.002, false),
+            ring_of(0.001, ring == 0),
+            ring_of(0.0005, ring == 1),
+        )
+    };
+    for (kind, string, ring) in [(1, 2, 0), (1, 2, 1), (6, 2, 0)] {
+        let refused = read(&field(kind, string, ring)).unwrap_err().to_string();
+        assert_eq!(
+            refused,
+            "a polygon has a ring with a point that has no latitude C and longitude D (line 1)"
+        );
+    }
+    assert!(read(&field(2, 2, 1)).is_ok());
+    assert!(read(&field(1, 2, 2)).is_ok());
+}
