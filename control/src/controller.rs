@@ -586,7 +586,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let travel = self.travelled(tracking.speed);
         let cruise = self.settings.cruise;
         let mut planned = self.route.speed(&self.progress, travel);
-        // Whatever the drive makes of it, or it would be told to go on by what it does by itself.
+        // From the last command, not from the measured speed: a drive that is stuck would be told to drive on.
         if let Some(most) = self
             .route
             .stopping(self.travelled(applied) * self.drive(), dt)

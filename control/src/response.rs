@@ -13,7 +13,7 @@
 //! | way of the potentiometer with that of the steering's commands | 1 s | 5 deg | a fifth | 0.5 s |
 //! | turn of the course with what the steering angle makes at this speed | 2 s, or 1.5 wheelbases | 15 deg, or six times the noise of the course | a fifth | 0.5 s |
 //! | speed over ground with the commanded one | 1 s | 0.3 m/s | a quarter, or half as much again and 0.5 m/s | 1 s |
-//! | speed over ground of a vehicle that is told to stand | 1 s | | above 0.25 m/s, or 1.5 times `standstill` | 2 s |
+//! | speed over ground, while the command is standstill | 1 s | | above 0.25 m/s, or 1.5 times `standstill` | 2 s |
 //! | distance from the path, once it was below 0.3 m for 3 s | | | above 1 m | 0.5 s |
 //! | the same before that, with the least so far | | | [`ResponseSettings::reach`] more | 0.5 s |
 //! | way along a piece of the path, once it was near | | | 1 m less than before | 0.5 s |
@@ -440,7 +440,7 @@ impl<T: Scalar> ResponseWatch<T> {
         let least = T::lit(0.3);
         let slow = self.speed.falls_short(least, T::lit(0.25));
         let fast = self.speed.came > self.speed.asked * T::lit(1.5) + T::lit(0.5);
-        // A second of a tenth of a metre per second: it has been told to stand for a while.
+        // The filter has forgotten the commands of before.
         let stands = self.speed.asked < T::lit(0.1);
         let slowest = T::lit(0.25).max(T::lit(1.5) * self.settings.standstill);
         let rolls = stands && self.speed.came > slowest;

@@ -63,8 +63,8 @@ pub trait Route<T: Scalar> {
         T::zero()
     }
 
-    /// The largest speed (m/s, not negative) of a vehicle that is to stop wherever it is, `dt` (s) after it was told to drive at
-    /// `applied` (m/s) in its direction of travel; `None` while it need not.
+    /// The speed (m/s, not negative) that the next command may have while the vehicle is stopped on its way, if the last one,
+    /// `dt` (s) ago, was `applied` (m/s in the direction of travel). `None` if it is not stopped.
     fn stopping(&self, _applied: T, _dt: T) -> Option<T> {
         None
     }

@@ -76,6 +76,18 @@ impl Task {
 
     /// Drives the passes of the field. The vehicle starts six metres before the first one.
     fn drive(&self, seed: u64) -> Figures {
+        self.begin(seed, |mut run| {
+            while !run.step() {
+                assert!(run.plant.time < 10_000.0, "it never ends");
+            }
+            assert_eq!(run.departed, None);
+            run.figures.time = run.plant.time;
+            run.figures
+        })
+    }
+
+    /// Lets `drive` drive them.
+    fn begin<R>(&self, seed: u64, drive: impl FnOnce(Drive<'_>) -> R) -> R {
         let settings = Settings::<f32>::for_vehicle(&self.vehicle).unwrap();
         let mut wanted = mission_settings(&settings, self.turn_speed);
         wanted.turn.reverse = self.reverse;
@@ -91,12 +103,7 @@ impl Task {
         check(&plan, &wanted).unwrap();
         let mut run = Drive::new(self, settings, &plan, wanted, seed);
         run.plant.north -= 6.0;
-        while !run.step() {
-            assert!(run.plant.time < 10_000.0, "it never ends");
-        }
-        assert_eq!(run.departed, None);
-        run.figures.time = run.plant.time;
-        run.figures
+        drive(run)
     }
 
     /// Compares the figures of some seeds with the aims.
@@ -473,31 +480,19 @@ fn stuck(
     begins: impl Fn(&Drive<'_>) -> bool,
     then: impl Fn(&mut Drive<'_>),
 ) -> Option<(f64, Departure, f64)> {
-    let task = at_one();
-    let settings = Settings::<f32>::for_vehicle(&task.vehicle).unwrap();
-    let wanted = mission_settings(&settings, task.turn_speed);
-    let field = task.field();
-    let (legs, fence) = (field.legs_and_way_out::<f32>(), field.fence::<f32>());
-    let plan = Legs {
-        origin: Position::new(0, 0),
-        legs: &legs,
-        fence: &fence,
-        obstacles: &[],
-        end: End::Stop,
-    };
-    let mut run = Drive::new(&task, settings, &plan, wanted, 1);
-    run.plant.north -= 6.0;
-    while !begins(&run) {
-        assert!(!run.step() && run.departed.is_none());
-    }
-    let (begin, north, east) = (run.plant.time, run.plant.north, run.plant.east);
-    run.stuck = Some(if run.reverse { -speed } else { speed });
-    then(&mut run);
-    while run.departed.is_none() && run.plant.time < begin + 20.0 {
-        run.step();
-    }
-    let way = (run.plant.north - north).hypot(run.plant.east - east);
-    run.departed.map(|(time, what)| (time - begin, what, way))
+    at_one().begin(1, |mut run| {
+        while !begins(&run) {
+            assert!(!run.step() && run.departed.is_none());
+        }
+        let (begin, north, east) = (run.plant.time, run.plant.north, run.plant.east);
+        run.stuck = Some(if run.reverse { -speed } else { speed });
+        then(&mut run);
+        while run.departed.is_none() && run.plant.time < begin + 20.0 {
+            run.step();
+        }
+        let way = (run.plant.north - north).hypot(run.plant.east - east);
+        run.departed.map(|(time, what)| (time - begin, what, way))
+    })
 }
 
 /// A pause takes the command back to rest, whatever the vehicle does.

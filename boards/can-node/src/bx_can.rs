@@ -4,18 +4,10 @@
 //! transmission ended, and its abort waits until the frame has left the bus, so both are done with
 //! the registers (RM0390 30.9.2).
 
+use crate::mailbox;
 use bxcan::{Fifo, Interrupt, filter::Mask32};
 use stm32f4xx_hal::{can::Can, pac};
 use ttcan::{BitTiming, Controller, Stamp, TransmitOutcome};
-
-/// Where the status of each of the three mailboxes begins in CAN_TSR.
-const MAILBOXES: [u32; 3] = [0, 8, 16];
-/// The status of a mailbox: request completed, sent, arbitration lost, error, abort requested.
-const RQCP: u32 = 1 << 0;
-const TXOK: u32 = 1 << 1;
-const ALST: u32 = 1 << 2;
-const TERR: u32 = 1 << 3;
-const ABRQ: u32 = 1 << 7;
 
 /// CAN1 in single shot.
 pub(crate) struct BxCan(bxcan::Can<Can<pac::CAN1>>);
@@ -51,23 +43,10 @@ impl BxCan {
 
     /// Acknowledges a transmission that has ended, and says how.
     pub(crate) fn outcome(&mut self) -> Option<TransmitOutcome> {
-        let status = registers().tsr().read().bits();
-        let ended = |mailbox: &u32| status >> mailbox & RQCP != 0;
-        let mailbox = MAILBOXES.into_iter().find(ended)?;
+        let (outcome, acknowledge) = mailbox::outcome(registers().tsr().read().bits())?;
         // SAFETY: ones clear; the other flags keep their state (RM0390 30.9.2).
-        registers()
-            .tsr()
-            .write(|w| unsafe { w.bits(RQCP << mailbox) });
-        let has = |flag: u32| status >> mailbox & flag != 0;
-        Some(if has(TXOK) {
-            TransmitOutcome::Sent
-        } else if has(ALST) {
-            TransmitOutcome::ArbitrationLost
-        } else if has(TERR) {
-            TransmitOutcome::Error
-        } else {
-            TransmitOutcome::Aborted
-        })
+        registers().tsr().write(|w| unsafe { w.bits(acknowledge) });
+        Some(outcome)
     }
 
     /// Whether the cell is off the bus because of errors.
@@ -90,9 +69,10 @@ impl Controller for BxCan {
     }
 
     fn abort(&mut self) {
-        let all = MAILBOXES.into_iter().fold(0, |all, it| all | ABRQ << it);
         // SAFETY: ones request; an empty mailbox ignores it (RM0390 30.9.2).
-        registers().tsr().write(|w| unsafe { w.bits(all) });
+        registers()
+            .tsr()
+            .write(|w| unsafe { w.bits(mailbox::ABORT) });
     }
 
     fn silence(&mut self) {

@@ -6,6 +6,7 @@
 #![no_main]
 
 mod bx_can;
+mod mailbox;
 mod network;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]

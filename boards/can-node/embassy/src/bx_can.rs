@@ -1,17 +1,10 @@
 //! bxCAN as a node of `ttcan` needs it, by the registers: the CAN driver of `embassy-stm32` 0.6 does not tell how an
 //! attempt to send ended (RM0390 30.9).
 
+use crate::mailbox;
 use embassy_stm32::pac::CAN1;
 use ttcan::{BitTiming, Controller, Frame, Id, TransmitOutcome};
 
-/// Where the status of each of the three mailboxes begins in CAN_TSR.
-const MAILBOXES: [u32; 3] = [0, 8, 16];
-/// The status of a mailbox: request completed, sent, arbitration lost, error, abort requested.
-const RQCP: u32 = 1 << 0;
-const TXOK: u32 = 1 << 1;
-const ALST: u32 = 1 << 2;
-const TERR: u32 = 1 << 3;
-const ABRQ: u32 = 1 << 7;
 /// That all three are empty.
 const EMPTY: u32 = 7 << 26;
 /// Of an identifier register: extended, remote frame.
@@ -79,21 +72,9 @@ pub(crate) fn receive() -> Option<Frame> {
 
 /// Acknowledges a transmission that has ended, and says how. For the transmit interrupt alone.
 pub(crate) fn outcome() -> Option<TransmitOutcome> {
-    let status = CAN1.tsr().read().0;
-    let ended = |mailbox: &u32| status >> mailbox & RQCP != 0;
-    let mailbox = MAILBOXES.into_iter().find(ended)?;
-    // Ones clear; the other flags keep their state.
-    CAN1.tsr().write(|w| w.0 = RQCP << mailbox);
-    let has = |flag: u32| status >> mailbox & flag != 0;
-    Some(if has(TXOK) {
-        TransmitOutcome::Sent
-    } else if has(ALST) {
-        TransmitOutcome::ArbitrationLost
-    } else if has(TERR) {
-        TransmitOutcome::Error
-    } else {
-        TransmitOutcome::Aborted
-    })
+    let (outcome, acknowledge) = mailbox::outcome(CAN1.tsr().read().0)?;
+    CAN1.tsr().write(|w| w.0 = acknowledge);
+    Some(outcome)
 }
 
 impl Controller for BxCan {
@@ -118,9 +99,7 @@ impl Controller for BxCan {
     }
 
     fn abort(&mut self) {
-        let all = MAILBOXES.into_iter().fold(0, |all, it| all | ABRQ << it);
-        // Ones request; an empty mailbox ignores it.
-        CAN1.tsr().write(|w| w.0 = all);
+        CAN1.tsr().write(|w| w.0 = mailbox::ABORT);
     }
 
     fn silence(&mut self) {

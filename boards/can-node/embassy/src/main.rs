@@ -8,6 +8,8 @@
 #![no_main]
 
 mod bx_can;
+#[path = "../../src/mailbox.rs"]
+mod mailbox;
 #[path = "../../src/network.rs"]
 mod network;
 
