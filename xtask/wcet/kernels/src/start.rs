@@ -64,6 +64,35 @@ pub fn set_up_on_two_paths() {
     unsafe { asm!("cpsid i", "msr basepri, {}", "cpsie i", in(reg) 0) };
 }
 
+/// Sets the pointer byte by byte and halfword by halfword, as compilers do beside fields of that size.
+pub fn set_up_in_parts() {
+    set_up_from_parts(VALUES.as_ptr().addr() >> 24);
+}
+
+/// The same with an upper byte that nobody knows.
+pub fn set_up_in_parts_but_one() {
+    set_up_from_parts(VALUES[0].load(Ordering::Relaxed) as usize);
+}
+
+#[inline(always)]
+fn set_up_from_parts(last: usize) {
+    let values = VALUES.as_ptr().addr();
+    // SAFETY: it stores a pointer to `VALUES`, but for its last byte, to `PLACE`, which nobody follows here.
+    unsafe {
+        asm!(
+            "cpsid i",
+            "strb {last}, [{place}, #3]",
+            "strb {values}, [{place}]",
+            "lsrs {values}, {values}, #8",
+            "strh {values}, [{place}, #1]",
+            "cpsie i",
+            place = in(reg) &raw const PLACE,
+            values = inout(reg) values => _,
+            last = in(reg) last,
+        )
+    };
+}
+
 /// Changes the words to which the pointer leads.
 pub fn use_pointer() {
     let place = PLACE.load(Ordering::Relaxed);
@@ -80,6 +109,18 @@ pub fn use_index() {
     if let Some(value) = OTHERS.get(index) {
         value.store(3, Ordering::Relaxed);
     }
+}
+
+/// Adds elements with indices of which nothing is known.
+pub fn use_any_index() {
+    let mut sum = 0_u32;
+    for value in &OTHERS[..8] {
+        let index = value.load(Ordering::Relaxed) as usize;
+        // SAFETY: the analysis does not know the elements of `OTHERS`; all are zero.
+        let value = unsafe { VALUES.get_unchecked(index) };
+        sum = sum.wrapping_add(value.load(Ordering::Relaxed));
+    }
+    OTHERS[0].store(sum & 1, Ordering::Relaxed);
 }
 
 /// Makes the pointer lead to another array.

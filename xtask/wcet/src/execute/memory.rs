@@ -179,11 +179,11 @@ impl Step<'_, '_> {
             return;
         }
         let Extent { first, last } = reached;
-        let word = value.as_constant().filter(|word| {
-            let exact = address.as_constant() == Some(first) && first & 3 == 0;
-            let kept = leads_to_memory(&self.machine.part, *word) || is_priorities(first);
-            size == 4 && exact && !value.stack && kept
-        });
+        let word = if address.as_constant() == Some(first) {
+            self.completed(first, size, value)
+        } else {
+            None
+        };
         let known = RAM.contains(first) || is_priorities(first);
         if !known && reached.span() < FAR {
             return;
@@ -195,8 +195,24 @@ impl Step<'_, '_> {
             // It is assumed that no store through an unknown pointer writes to the interrupt controller.
             let anywhere = reached == Extent::EVERYWHERE;
             memory.retain(|at, _| !near.contains(at) || anywhere && is_priorities(*at));
-            memory.extend(word.map(|word| (first, word)));
+            memory.extend(word.map(|word| (first & !3, word)));
         }
+    }
+
+    /// The word of memory that a store to exactly this address has left known, if it is one to keep.
+    /// Compilers store an address in parts where the bytes in front of it are stored as well, so the store may
+    /// be the last one of several.
+    fn completed(&self, first: u32, size: u32, value: &Value) -> Option<u32> {
+        let word = if size == 4 && first & 3 == 0 {
+            value.as_constant().filter(|_| !value.stack)
+        } else if size < 4 && (first ^ (first + size - 1)) < 4 {
+            let at = first & !3;
+            let mut bytes = (at..at + 4).rev().map(|at| self.state.held.get(&at));
+            bytes.try_fold(0, |word, byte| Some(word << 8 | byte?))
+        } else {
+            None
+        };
+        word.filter(|word| leads_to_memory(&self.machine.part, *word) || is_priorities(first))
     }
 
     /// Notes the exceptions that a store makes pending.

@@ -1,6 +1,8 @@
 //! One instruction during its execution.
 
 use crate::instruction::Instruction;
+use crate::lasting::{FAR, reach};
+use crate::layout::STACK;
 use crate::range::Range;
 use crate::register::Register;
 use crate::state::State;
@@ -98,10 +100,21 @@ impl Step<'_, '_> {
     /// Notes the memory access: `count` transfers of `size` bytes.
     pub(super) fn access(&mut self, address: &Value, load: bool, size: u32, count: u32) {
         self.effects.access = Some(Access {
-            address: address.range,
+            address: self.accessed(address, size),
             load,
             size,
             count,
         });
+    }
+
+    /// Where an access certainly goes, as narrowly as that is known: an address that may be anything is still
+    /// in the variable that it was computed from.
+    fn accessed(&self, address: &Value, size: u32) -> Range {
+        if address.range.span() < FAR {
+            return address.range;
+        }
+        let stretch = reach(&self.machine.symbols, address, size);
+        let within = stretch.map_or(STACK, |to| Range::between(to.first, to.last));
+        address.range.meet(within).unwrap_or(within)
     }
 }

@@ -39,6 +39,14 @@ fn a_pointer_set_at_the_start_leads_to_known_memory() {
     );
 }
 
+/// What is computed from an array's address is not charged as an access to a peripheral, whatever the index is.
+#[test]
+fn an_unknown_index_stays_in_its_array() {
+    let (_, bound) = learn(&["use_any_index"], ClobberAll);
+    let Cycles { zero_wait, flashed } = bound.cycles;
+    assert!(flashed < 3 * zero_wait, "{:?}", bound.cycles);
+}
+
 #[test]
 fn a_word_that_a_handler_may_change_does_not_last() {
     assert_eq!(learn(&["use_pointer", "move_pointer"], ClobberAll).0, 0);
@@ -75,6 +83,8 @@ fn the_start_lasts_until_a_task_can_run() {
         ("set_up_with_a_task", 0, 2),
         ("set_up_by_the_mask_before", 0, 1),
         ("set_up_on_two_paths", 0, 2),
+        ("set_up_in_parts", 1, 0),
+        ("set_up_in_parts_but_one", 0, 0),
     ] {
         let bound = analysis.run(at(name), Entry::Program);
         assert_eq!(
