@@ -300,8 +300,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
     let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
-    let lasting = programs.lasting("node").collect();
-    let findings = observer::follow(&mut mcu, watches, lasting, 0);
+    let findings = observer::follow(&mut mcu, watches, programs.known("node"), 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
     let findings = observer::follower::lock(&findings);

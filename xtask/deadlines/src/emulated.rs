@@ -77,13 +77,11 @@ pub fn run(
     let mut mcu = powered(run, elf)?;
     let watches = execution.handlers.values();
     let watches = watches.filter_map(|handler| handler.watch.as_ref());
-    let lasting = execution.lasting.iter();
-    let lasting = lasting.map(|(address, word)| (*address, *word)).collect();
     observer::slow_down(
         &mut mcu,
         wcet::timing::Timing::flashed(&model.table.board.part),
     );
-    let findings = observer::follow(&mut mcu, watches, lasting, 0);
+    let findings = observer::follow(&mut mcu, watches, execution.known.clone(), 0);
     mcu.let_unmodelled_change();
     let end = run.seconds * SECOND;
     go_on(&mut mcu, end / 2, &mut [], progress);

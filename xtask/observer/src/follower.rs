@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use schedulability::transfers::Unit;
 use twin::mcu::{Seen, Storer, Trace};
 use wcet::image::Image;
+use wcet::lasting::Known;
 use wcet::watch::{Activation, Refuted, Watch};
 
 /// Where the flash of the parts can be seen.
@@ -62,6 +63,15 @@ pub enum Stray {
         /// What it left.
         found: u32,
     },
+    /// A word that holds one of a few addresses got something else.
+    Other {
+        /// Who stored it; `None` for start-up.
+        by: Option<Storer>,
+        /// The word's address.
+        at: u32,
+        /// What it holds.
+        found: u32,
+    },
     /// A transfer read the flash.
     Flash {
         /// Which unit.
@@ -84,22 +94,20 @@ impl Stray {
     pub fn sentence(&self, image: &Image) -> String {
         match *self {
             Self::Word { by, at, left } => {
-                let at = variable(image, at);
-                let by = match by {
-                    Storer::Instruction(by) => image.describe(by),
-                    Storer::Entry(number) => {
-                        format!("saving of registers at the begin of exception {number}")
-                    }
-                    Storer::Dma { controller, unit } => {
-                        format!("a transfer of DMA{controller}, stream or channel {unit},")
-                    }
-                };
+                let (by, at) = (name(by, image), variable(image, at));
                 format!("{by} stores to {at}, which start-up leaves at {left:#010x} for good")
             }
             Self::Left { at, left, found } => {
                 let at = variable(image, at);
                 format!(
                     "start-up leaves {found:#010x} in {at}, where the analysis found {left:#010x}"
+                )
+            }
+            Self::Other { by, at, found } => {
+                let at = variable(image, at);
+                let by = by.map_or_else(|| "start-up".to_owned(), |by| name(by, image));
+                format!(
+                    "{by} stores {found:#010x} to {at}, where the analysis knows other addresses only"
                 )
             }
             Self::Flash { by, from } => format!(
@@ -110,6 +118,19 @@ impl Stray {
                  store to {register:#010x} after start-up",
                 image.describe(by)
             ),
+        }
+    }
+}
+
+/// Who stored, in words.
+fn name(by: Storer, image: &Image) -> String {
+    match by {
+        Storer::Instruction(by) => image.describe(by),
+        Storer::Entry(number) => {
+            format!("saving of registers at the begin of exception {number}")
+        }
+        Storer::Dma { controller, unit } => {
+            format!("a transfer of DMA{controller}, stream or channel {unit},")
         }
     }
 }
@@ -145,9 +166,8 @@ pub struct Follower {
     starts: usize,
     /// When the first handler was entered behind the last start.
     began: Option<u64>,
-    /// Words that keep the address which start-up left there, and what each holds since it was first
-    /// written.
-    lasting: BTreeMap<u32, u32>,
+    /// Words of which the addresses are known, and what each holds since it was first written.
+    known: Known,
     held: BTreeMap<u32, u32>,
     /// How long behind that a start takes, picoseconds.
     start_up: u64,
@@ -155,18 +175,13 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Follows the handlers of these exceptions, each with its watch. `lasting` are the words that keep the
-    /// address which start-up left there. A start of the node takes `start_up` picoseconds from its first
-    /// handler on.
+    /// Follows the handlers of these exceptions, each with its watch. `known` is what memory is taken to keep. A
+    /// start of the node takes `start_up` picoseconds from its first handler on.
     #[must_use]
-    pub fn new(
-        watches: BTreeMap<u16, Arc<Watch>>,
-        lasting: BTreeMap<u32, u32>,
-        start_up: u64,
-    ) -> Self {
+    pub fn new(watches: BTreeMap<u16, Arc<Watch>>, known: Known, start_up: u64) -> Self {
         Self {
             watches,
-            lasting,
+            known,
             held: BTreeMap::new(),
             stack: Vec::new(),
             starts: 1,
@@ -222,8 +237,15 @@ impl Follower {
             Seen::Returned(mask) => self.end(mask),
             Seen::Stored(by, at, held) => {
                 self.held.insert(at, held);
-                if let Some(&left) = self.lasting.get(&at).filter(|_| self.began.is_some()) {
+                if self.began.is_none() {
+                    return;
+                }
+                if let Some(&left) = self.known.lasting.get(&at) {
                     self.strays(Stray::Word { by, at, left });
+                }
+                if self.is_other(at, held) {
+                    let (by, found) = (Some(by), held);
+                    self.strays(Stray::Other { by, at, found });
                 }
             }
             Seen::Rearranged(by, register) => {
@@ -272,12 +294,29 @@ impl Follower {
 
     /// Compares what start-up has left in memory with what the analysis found.
     fn compare(&self) {
-        for (&at, &left) in &self.lasting {
-            let found = self.held.get(&at).copied().unwrap_or_default();
+        let found_at = |at| self.held.get(&at).copied().unwrap_or_default();
+        for (&at, &left) in &self.known.lasting {
+            let found = found_at(at);
             if found != left {
                 self.strays(Stray::Left { at, left, found });
             }
         }
+        for &at in self.known.choices.keys() {
+            let found = found_at(at);
+            if self.is_other(at, found) {
+                self.strays(Stray::Other {
+                    by: None,
+                    at,
+                    found,
+                });
+            }
+        }
+    }
+
+    /// Whether a word holds none of the addresses that the analysis found for it.
+    fn is_other(&self, at: u32, held: u32) -> bool {
+        let choices = self.known.choices.get(&at);
+        choices.is_some_and(|words| !words.contains(&held))
     }
 
     fn begin(&mut self, exception: u16, now: u64, mask: u8) {
@@ -375,11 +414,12 @@ mod tests {
     use can_bus::SimTime;
     use std::collections::BTreeMap;
     use twin::mcu::{Seen, Storer};
+    use wcet::lasting::Known;
     use wcet::watch::Refuted;
 
     #[test]
     fn a_handler_that_leaves_another_mask_is_told() {
-        let follower = Follower::new(BTreeMap::new(), BTreeMap::new(), 0);
+        let follower = Follower::new(BTreeMap::new(), Known::default(), 0);
         let findings = follower.findings();
         let mut see = follower.trace();
         let now = SimTime::from_ticks(0);
@@ -404,8 +444,11 @@ mod tests {
 
     #[test]
     fn what_start_up_leaves_is_compared_when_the_first_handler_begins() {
-        let lasting = BTreeMap::from([(0x2000_0000, 7), (0x2000_0004, 9)]);
-        let follower = Follower::new(BTreeMap::new(), lasting, 0);
+        let known = Known {
+            lasting: BTreeMap::from([(0x2000_0000, 7), (0x2000_0004, 9)]),
+            choices: BTreeMap::from([(0x2000_0008, [0, 5].into())]),
+        };
+        let follower = Follower::new(BTreeMap::new(), known, 0);
         let findings = follower.findings();
         let mut see = follower.trace();
         let now = SimTime::from_ticks(0);
@@ -439,5 +482,13 @@ mod tests {
             register: 0xe000_e400,
         };
         assert_eq!(lock(&findings).stray, [left, word, rearranged]);
+        see(store(0x2000_0008, 5));
+        see(store(0x2000_0008, 6));
+        let other = Stray::Other {
+            by: Some(Storer::Instruction(2)),
+            at: 0x2000_0008,
+            found: 6,
+        };
+        assert_eq!(lock(&findings).stray, [left, word, rearranged, other]);
     }
 }

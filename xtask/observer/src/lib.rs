@@ -15,6 +15,7 @@ use twin::mcu::{Executed, Mcu};
 use twin::statistics::TaskTimes;
 use wcet::cycles::Model;
 use wcet::image::Image;
+use wcet::lasting::Known;
 use wcet::slowest::Slowest;
 use wcet::timing::Timing;
 use wcet::watch::Watch;
@@ -22,12 +23,11 @@ use wcet::watch::Watch;
 use follower::{Findings, Follower, Found};
 
 /// Follows a core from now on. Each handler is compared with the watch that was made for its
-/// address. `lasting` are the words that keep the address which start-up left there. The releases of a
-/// handler are not noted until `start_up` picoseconds after the first handler behind each start.
+/// address. `known` is what its memory is taken to keep. The releases of a handler are not noted until `start_up` picoseconds after the first handler behind each start.
 pub fn follow<'w>(
     mcu: &mut Mcu,
     watches: impl Iterator<Item = &'w Arc<Watch>>,
-    lasting: BTreeMap<u32, u32>,
+    known: Known,
     start_up: u64,
 ) -> Arc<Mutex<Findings>> {
     let by_address: BTreeMap<u32, &Arc<Watch>> =
@@ -37,9 +37,10 @@ pub fn follow<'w>(
         Some((number, Arc::clone(by_address.get(&address)?)))
     });
     let by_exception = by_exception.collect();
-    mcu.watch_stores(&lasting.keys().copied().collect());
+    let words = known.lasting.keys().chain(known.choices.keys());
+    mcu.watch_stores(&words.copied().collect());
     mcu.watch_transfers();
-    let follower = Follower::new(by_exception, lasting, start_up);
+    let follower = Follower::new(by_exception, known, start_up);
     let findings = follower.findings();
     mcu.set_trace(Some(follower.trace()));
     findings

@@ -28,8 +28,8 @@ impl Assumption {
 /// Assumptions that hold for every program.
 pub const OF_ANY_PROGRAM: [Assumption; 2] = [
     Assumption {
-        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a function keeps what it found in BASEPRI or PRIMASK; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
-        watched: "The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
+        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. If all stores that can reach a word store a few addresses, it holds one of them, and where it is used as an address, it is not null. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a function keeps what it found in BASEPRI or PRIMASK; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
+        watched: "The observed runs fail at a store to such a word, or of anything else to one with a few addresses, and at a handler that leaves another BASEPRI.",
     },
     Assumption {
         granted: "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure.",

@@ -15,7 +15,7 @@ use wcet::cycles::Cycles;
 use wcet::graph::Returning;
 use wcet::image::{FIRST_INTERRUPT, Image};
 use wcet::ipet::Line;
-use wcet::lasting::{UnknownStores, Words};
+use wcet::lasting::{Known, UnknownStores};
 use wcet::mask;
 use wcet::part::Part;
 use wcet::stack::{FRAME_FPU, Stacks};
@@ -92,8 +92,8 @@ pub struct Execution {
     pub idle_summarised: BTreeMap<String, u64>,
     /// Handlers that are no task and do not return.
     pub outside: Vec<Outside>,
-    /// Memory words that keep the address which start-up wrote to them. The bounds rely on it.
-    pub lasting: Words,
+    /// Memory words that keep the address which start-up wrote to them, or hold one of a few. The bounds rely on it.
+    pub known: Known,
 }
 
 /// An image does not fit the model of its node.
@@ -276,13 +276,12 @@ struct Analyser<'a> {
 }
 
 impl Analyser<'_> {
-    /// Finds the words that keep the address which start-up wrote to them.
+    /// Finds the words of which the addresses are known.
     fn learn(&mut self, main: u32) {
         let handlers = self.image.handlers();
-        let words = self
+        self.execution.known = self
             .analysis
             .learn(main, &handlers, UnknownStores::SparePointers);
-        self.execution.lasting.clone_from(words);
     }
 
     /// Analyses the handler of a task.

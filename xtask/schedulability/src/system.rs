@@ -22,6 +22,7 @@ use crate::units::MICROSECOND;
 use crate::{bus, chains, event, pends};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
+use wcet::lasting::Known;
 use wcet::timing::Timing;
 use wcet::watch::Watch;
 
@@ -126,12 +127,12 @@ impl Programs {
             .filter_map(|(name, handler)| Some((name.as_str(), handler.watch.as_ref()?)))
     }
 
-    /// Words that a node's memory keeps from start-up on: address and word.
-    pub fn lasting(&self, node: &str) -> impl Iterator<Item = (u32, u32)> {
-        let all = self.models.nodes.iter().zip(self.executions.iter());
-        all.filter(move |((model, _), _)| model.name == node)
-            .flat_map(|(_, execution)| &execution.lasting)
-            .map(|(address, word)| (*address, *word))
+    /// What a node's memory is known to keep; nothing if the node is not analysed.
+    #[must_use]
+    pub fn known(&self, node: &str) -> Known {
+        let mut all = self.models.nodes.iter().zip(self.executions.iter());
+        let of_node = all.find(|((model, _), _)| model.name == node);
+        of_node.map_or_else(Known::default, |(_, execution)| execution.known.clone())
     }
 
     /// The timing of a node's part as flashed; `None` if the node is not analysed.

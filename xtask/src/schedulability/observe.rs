@@ -79,7 +79,6 @@ pub(super) fn observe(
         let findings = vehicle.nodes().map(|node| {
             let name = &vehicle.node(node).name;
             let watches = programs.watches(name).map(|(_, watch)| watch);
-            let lasting = programs.lasting(name).collect();
             let mcu = twin.node_mut(node);
             if let Some(timing) = programs
                 .flashed(name)
@@ -87,7 +86,7 @@ pub(super) fn observe(
             {
                 slow_down(mcu, timing);
             }
-            follow(mcu, watches, lasting, START_UP)
+            follow(mcu, watches, programs.known(name), START_UP)
         });
         let findings: Vec<_> = findings.collect();
         twin.run_telling(scenario.duration.span(), second, &mut |now| {

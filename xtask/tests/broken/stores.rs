@@ -55,13 +55,13 @@ pub(super) const PROGRAMS: [(&str, &[Change]); 3] = [
 /// What a run shows of stores, and the place of the function that makes them.
 fn strays(program: &str) -> Vec<String> {
     let programs = Programs::read(&inputs(program), &|_| {}).unwrap();
-    let lasting: std::collections::BTreeMap<u32, u32> = programs.lasting("node").collect();
-    assert!(!lasting.is_empty(), "{program}");
+    let known = programs.known("node");
+    assert!(!known.lasting.is_empty(), "{program}");
     let elf = std::fs::read(image(program)).unwrap();
     let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
-    let findings = observer::follow(&mut mcu, watches, lasting, 0);
+    let findings = observer::follow(&mut mcu, watches, known, 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
     let findings = observer::follower::lock(&findings);

@@ -131,6 +131,8 @@ pub struct Image {
     symbols: BTreeMap<String, u32>,
     lines: Option<addr2line::Loader>,
     load: Vec<(u32, Vec<u8>)>,
+    /// The variables that begin as zeros.
+    zeroed: Option<Extent>,
     variables: Variables,
     signatures: BTreeMap<u32, Signature>,
     /// Folder that messages leave out of the paths in it.
@@ -173,6 +175,7 @@ impl Image {
             symbols: BTreeMap::new(),
             lines: addr2line::Loader::new(path).ok(),
             load: Vec::new(),
+            zeroed: None,
             variables: Variables::default(),
             signatures: BTreeMap::new(),
             root: None,
@@ -180,6 +183,10 @@ impl Image {
             digests: RefCell::default(),
         };
         for section in file.sections() {
+            if section.name() == Ok(".bss") && section.size() > 0 {
+                let first = section.address() as u32;
+                image.zeroed = Some(Extent::new(first, first + (section.size() as u32 - 1)));
+            }
             let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
                 continue;
             };
@@ -320,6 +327,12 @@ impl Image {
     #[must_use]
     pub fn variables(&self) -> &Variables {
         &self.variables
+    }
+
+    /// The variables that begin as zeros: `cortex-m-rt` fills them in front of the program.
+    #[must_use]
+    pub(crate) const fn zeroed(&self) -> Option<Extent> {
+        self.zeroed
     }
 
     /// Initial words of the initialised static variables: address and word.

@@ -14,7 +14,7 @@ use super::flash::Reads;
 use super::range::Range;
 use super::register::Register;
 use super::slots::Slot;
-use super::state::{State, common};
+use super::state::{State, common, union};
 use super::symbols::Symbols;
 use super::value::{Symbol, Value};
 
@@ -121,6 +121,8 @@ impl Invariant {
         let mut state = next;
         state.flags = Flags::ANY;
         state.memory = common(&before.memory, &state.memory);
+        state.reserved = None;
+        state.touched = union(&before.touched, &state.touched);
         state.held = common(&before.held, &state.held);
         state.flash = state.flash.steady(&before.flash);
         state.left |= before.left;
@@ -285,6 +287,11 @@ impl Invariant {
         let memory = common(&state.memory, &after.memory);
         if memory != state.memory {
             state.memory = memory;
+            confirmed = false;
+        }
+        let touched = union(&state.touched, &after.touched);
+        if touched.len() > state.touched.len() {
+            state.touched = touched;
             confirmed = false;
         }
         let held = common(&state.held, &after.held);

@@ -12,6 +12,11 @@
 //! are proven by contradiction: the first store that changed one of them would run in a state
 //! in which all of them still hold, and from such a state no store reaches them.
 //!
+//! A software task's future keeps its pointers in words that its handler has set. Such a word holds one of a few
+//! addresses, if all stores of handlers and idle code that may reach it store just these, and to just this word:
+//! they, and what start-up left there. What they store depends on where pointers lead, too, so the handlers are
+//! run again with what was found, until nothing new is ([`Stored::choices`]).
+//!
 //! Only words that hold an address are kept. A variable whose address is given to a peripheral
 //! is left out, as DMA may write there. A store at an unknown distance from the begin of a
 //! static variable stays within the variable, as the language demands of all pointer
@@ -29,11 +34,14 @@ use super::value::Value;
 /// Words by their addresses.
 pub type Words = BTreeMap<u32, u32>;
 
+/// Words that hold one of a few addresses, or zero, each by its own address.
+pub type Choices = BTreeMap<u32, BTreeSet<u32>>;
+
 /// Bytes that may have been written.
 pub type Written = BTreeSet<Extent>;
 
 /// Number of addresses up to which each is examined individually.
-const FEW: u64 = 8;
+pub(crate) const FEW: u64 = 8;
 
 /// A range of addresses that spans this much or more counts as unknown.
 pub const FAR: u32 = 0x1_0000;
@@ -47,13 +55,81 @@ pub enum UnknownStores {
     SparePointers,
 }
 
+/// What a program is known to keep in its memory, from the time on at which a task can first run.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct Known {
+    /// Words that keep the address which start-up wrote to them.
+    pub lasting: Words,
+    /// Words that handlers set to one of a few addresses.
+    pub choices: Choices,
+}
+
+/// What handlers and idle code store in the words of memory.
+#[derive(Debug, Default, Clone)]
+pub struct Stored {
+    /// Addresses and zeros that are stored to exactly one word, by the address of that word.
+    words: Choices,
+    /// The bytes that all other stores may reach.
+    other: Written,
+}
+
+impl Stored {
+    /// Notes a store that may reach these bytes. It stores one of `addresses` there, if these are few and it reaches
+    /// exactly one word.
+    pub(crate) fn note(&mut self, reached: Extent, addresses: Option<Vec<u32>>) {
+        match addresses {
+            Some(words) => self.words.entry(reached.first).or_default().extend(words),
+            None => {
+                self.other.insert(reached);
+            }
+        }
+    }
+
+    /// Adds the stores of other code.
+    pub(crate) fn extend(&mut self, other: Self) {
+        for (at, words) in other.words {
+            self.words.entry(at).or_default().extend(words);
+        }
+        self.other.extend(other.other);
+    }
+
+    /// Stores through unresolved pointers are taken to spare the words that hold addresses.
+    pub(crate) fn spare(&mut self) {
+        self.other.remove(&Extent::EVERYWHERE);
+    }
+
+    /// The words that hold one of a few addresses. `initial` is what start-up left in a word, if that is known.
+    pub(crate) fn choices(self, initial: impl Fn(Extent) -> Option<u32>) -> Choices {
+        let Self { words, other } = self;
+        let all = words.into_iter().filter_map(|(at, mut words)| {
+            let bytes = Extent::new(at, at.checked_add(3)?);
+            if other.iter().any(|other| other.meet(bytes).is_some()) {
+                return None;
+            }
+            words.insert(initial(bytes)?);
+            // Zeros alone are no address. A debugger may write to such a word, as to the indices of a log.
+            let leads = words.iter().any(|word| *word != 0);
+            (leads && words.len() as u64 <= FEW).then_some((at, words))
+        });
+        all.collect()
+    }
+}
+
 /// Facts about memory that the runs of the abstract machine collect.
 #[derive(Debug, Default, Clone)]
 pub struct Memory {
     /// Words that are taken for granted.
     pub lasting: std::rc::Rc<Words>,
+    /// Whether no exception interrupts start-up and returns.
+    pub starts_alone: bool,
+    /// Words that are taken to hold one of a few addresses.
+    pub choices: std::rc::Rc<Choices>,
     /// Bytes that may have been written since a task could first run.
     pub written: Written,
+    /// What was stored since then.
+    pub stored: Stored,
+    /// Zeros that start-up may have overwritten when a task can first run.
+    pub touched: Written,
     /// Exceptions that stores may make pending.
     pub pends: BTreeSet<Pend>,
     /// Words that memory holds when a task can first run, on every path so far.
@@ -241,7 +317,7 @@ pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<Extent> {
 /// the stack, say, or to one of a few variables.
 #[must_use]
 pub fn places(symbols: &Symbols, address: &Value) -> Option<Vec<u32>> {
-    match symbols.elements(address) {
+    match symbols.targets(address) {
         Some(places) if places.len() as u64 <= FEW => Some(places),
         _ if address.range.count() <= FEW => Some(address.range.iter().collect()),
         _ => None,

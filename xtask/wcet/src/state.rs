@@ -9,7 +9,7 @@ use rsemu::cpu::arm::v7m::isa::Cond;
 use super::cycles::Cycles;
 use super::flags::{self, Flags, Source};
 use super::flash::Accelerator;
-use super::lasting::Words;
+use super::lasting::{Words, Written};
 use super::layout::STACK_TOP;
 use super::mask::{ExceptionMask, Masked};
 use super::merge::Merge;
@@ -60,6 +60,11 @@ pub(crate) struct State {
     pub stack: Slots,
     /// Words outside the stack that hold addresses; kept until a task can run.
     pub memory: Rc<Words>,
+    /// Bytes of variables that began as zeros to which something else may have been written; kept until a task
+    /// can run.
+    pub touched: Rc<Written>,
+    /// The address for which the last load-exclusive has reserved a store.
+    pub reserved: Option<u32>,
     /// Bytes outside the stack that were written since `PRIMASK` was set, each by its address.
     pub held: Rc<Words>,
     /// Condition flags.
@@ -105,6 +110,8 @@ impl State {
             floats: Rc::new([Value::ANY; 32]),
             stack: Slots::default(),
             memory: Rc::default(),
+            touched: Rc::default(),
+            reserved: None,
             held: Rc::default(),
             flags: Flags::ANY,
             // The register has eight bits (DDI 0403 B1.4.3).
@@ -270,11 +277,14 @@ impl State {
             _ => Rc::default(),
         };
         symbols.mixed |= self.started != other.started;
+        let touched = union(&self.touched, &other.touched);
         Self {
             registers,
             floats,
             stack,
             memory,
+            touched,
+            reserved: self.reserved.filter(|_| self.reserved == other.reserved),
             held,
             flags: Flags {
                 possible: self.flags.possible | other.flags.possible,
@@ -347,6 +357,15 @@ fn join_sections(ours: &[Masked], theirs: &[Masked]) -> Vec<Masked> {
         }
     }
     joined
+}
+
+/// The bytes of both.
+#[must_use]
+pub(crate) fn union(a: &Rc<Written>, b: &Rc<Written>) -> Rc<Written> {
+    if Rc::ptr_eq(a, b) || b.is_subset(a) {
+        return a.clone();
+    }
+    Rc::new(a.union(b).copied().collect())
 }
 
 /// The words that are the same in both.

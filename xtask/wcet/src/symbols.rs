@@ -309,6 +309,17 @@ impl Symbols {
         }
     }
 
+    /// Every address that `value` may be if it is used as one, if they are known individually. By the rules of the
+    /// language nothing is read or written through a pointer that may be null while it is.
+    #[must_use]
+    pub fn targets(&self, value: &Value) -> Option<Vec<u32>> {
+        let all = self.elements(value)?;
+        let from_null = value.base.and_then(|(_, offset)| offset.as_constant());
+        let is_led = |at: &u32| Some(*at) != from_null || *at >= NO_NUMBER;
+        let led: Vec<u32> = all.iter().copied().filter(is_led).collect();
+        Some(if led.is_empty() { all } else { led })
+    }
+
     /// A value that is one of `words`.
     pub fn one_of(&mut self, mut words: Vec<u32>) -> Option<Value> {
         words.sort_unstable();
@@ -333,6 +344,23 @@ impl Symbols {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pointer_that_is_used_is_not_null() {
+        let mut symbols = Symbols::default();
+        let few = symbols.one_of(vec![0, 0x2000_0010, 0x0800_0020]).unwrap();
+        let fourth = few.add(&Value::constant(16));
+        assert_eq!(symbols.elements(&few).map(|all| all.len()), Some(3));
+        assert_eq!(symbols.targets(&few), Some(vec![0x0800_0020, 0x2000_0010]));
+        assert_eq!(
+            symbols.targets(&fourth),
+            Some(vec![0x0800_0030, 0x2000_0020])
+        );
+        // A register that is written through its address.
+        let constant = Value::constant(16);
+        assert_eq!(symbols.targets(&constant), Some(vec![16]));
+    }
+
     use crate::lasting::reach;
 
     /// `value` plus a constant, as an instruction adds it.

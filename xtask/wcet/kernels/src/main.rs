@@ -88,17 +88,23 @@ pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory
 /// A start-up function, and handlers that may run after it.
 #[cfg(target_has_atomic = "32")]
 #[used]
-pub static HANDLERS: [fn(); 13] = [
+pub static HANDLERS: [fn(); 19] = [
     start::set_up,
     start::set_up_with_an_alarm,
     start::set_up_with_a_task,
     start::set_up_by_the_mask_before,
     start::set_up_on_two_paths,
+    start::set_up_if_unclaimed,
+    start::set_up_if_still_unclaimed,
     start::set_up_in_parts,
     start::set_up_in_parts_but_one,
     start::use_pointer,
     start::use_index,
     start::use_any_index,
+    start::use_choice,
+    start::choose,
+    start::choose_another,
+    start::choose_anything,
     start::move_pointer,
     start::load_a_number,
     start::load_a_pointer,

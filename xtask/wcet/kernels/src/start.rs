@@ -6,6 +6,11 @@ use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 static VALUES: [AtomicU32; 16] = [const { AtomicU32::new(0) }; 16];
 static OTHERS: [AtomicU32; 16] = [const { AtomicU32::new(0) }; 16];
 static PLACE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
+static CHOICE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
+static CLAIMED: AtomicU32 = AtomicU32::new(0);
+/// What start-up finds here is not known.
+#[used]
+static FOUND: AtomicU32 = AtomicU32::new(1);
 
 /// Sets a pointer and enables interrupts.
 pub fn set_up() {
@@ -53,7 +58,7 @@ pub fn set_up_by_the_mask_before() {
 
 /// Masks all tasks on one of two paths.
 pub fn set_up_on_two_paths() {
-    if VALUES[0].load(Ordering::Relaxed) == 0 {
+    if FOUND.load(Ordering::Relaxed) == 0 {
         // SAFETY: as in `set_up`.
         unsafe { asm!("msr basepri, {}", in(reg) 0x10) };
     }
@@ -64,6 +69,21 @@ pub fn set_up_on_two_paths() {
     unsafe { asm!("cpsid i", "msr basepri, {}", "cpsie i", in(reg) 0) };
 }
 
+/// Sets the pointer if nothing is noted in a variable that begins as zero.
+pub fn set_up_if_unclaimed() {
+    if CLAIMED.load(Ordering::Relaxed) == 0 {
+        set_up();
+    }
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsie i") };
+}
+
+/// The same after something may have been noted there.
+pub fn set_up_if_still_unclaimed() {
+    CLAIMED.store(FOUND.load(Ordering::Relaxed), Ordering::Relaxed);
+    set_up_if_unclaimed();
+}
+
 /// Sets the pointer byte by byte and halfword by halfword, as compilers do beside fields of that size.
 pub fn set_up_in_parts() {
     set_up_from_parts(VALUES.as_ptr().addr() >> 24);
@@ -71,7 +91,7 @@ pub fn set_up_in_parts() {
 
 /// The same with an upper byte that nobody knows.
 pub fn set_up_in_parts_but_one() {
-    set_up_from_parts(VALUES[0].load(Ordering::Relaxed) as usize);
+    set_up_from_parts(FOUND.load(Ordering::Relaxed) as usize);
 }
 
 #[inline(always)]
@@ -101,6 +121,32 @@ pub fn use_pointer() {
         let value = unsafe { &*place.add(distance) };
         value.store(value.load(Ordering::Relaxed) ^ 5, Ordering::Relaxed);
     }
+}
+
+/// Changes the words to which the second pointer leads, if it is set.
+pub fn use_choice() {
+    // SAFETY: the pointer is null or leads to the first of sixteen elements.
+    if let Some(words) = unsafe { CHOICE.load(Ordering::Relaxed).cast::<[AtomicU32; 8]>().as_ref() } {
+        for word in words {
+            word.store(word.load(Ordering::Relaxed) ^ 5, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Sets the second pointer to what the first one is.
+pub fn choose() {
+    CHOICE.store(PLACE.load(Ordering::Relaxed), Ordering::Relaxed);
+}
+
+/// Sets the second pointer to another array.
+pub fn choose_another() {
+    CHOICE.store(OTHERS.as_ptr().cast_mut(), Ordering::Relaxed);
+}
+
+/// Sets the second pointer to anything.
+pub fn choose_anything() {
+    let word = VALUES[0].load(Ordering::Relaxed) as usize;
+    CHOICE.store(core::ptr::without_provenance_mut(word), Ordering::Relaxed);
 }
 
 /// Writes to an element with an unknown index.

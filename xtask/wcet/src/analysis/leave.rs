@@ -243,7 +243,7 @@ fn compare_zero(state: &State, register: Register) -> (Option<State>, Option<Sta
 /// Every address to which a word may point, with the Thumb bit cleared; `None` if there are too
 /// many.
 fn enumerate(symbols: &Symbols, value: &Value) -> Option<Vec<u32>> {
-    let words = match symbols.elements(value) {
+    let words = match symbols.targets(value) {
         Some(words) => words,
         None if value.range.count() <= MAX_TARGETS => value.range.iter().collect(),
         None => return None,

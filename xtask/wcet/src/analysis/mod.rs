@@ -8,6 +8,7 @@
 
 mod calls;
 mod copies;
+mod learn;
 mod leave;
 mod loops;
 mod run;
@@ -19,14 +20,13 @@ use std::rc::Rc;
 use run::Run;
 
 use super::annotation::Annotations;
-use super::bound::{Bound, Entry, Problem};
+use super::bound::{Bound, Entry};
 use super::cycles::Cycles;
-use super::extent::Extent;
 use super::facts::BlockId;
 use super::graph::Graph;
 use super::image::Image;
 use super::ipet::{self, Longest};
-use super::lasting::{Memory, SystemWrites, UnknownStores, Words, Written, drop_reached};
+use super::lasting::{Choices, Memory, SystemWrites, Words, Written};
 use super::part::Part;
 use super::program::Program;
 use super::register::Register;
@@ -40,6 +40,10 @@ pub struct Analysis<'a> {
     timings: Timings,
     /// Words that keep the address which start-up wrote to them.
     lasting: Rc<Words>,
+    /// Words that handlers set to one of a few addresses.
+    choices: Rc<Choices>,
+    /// Whether no exception interrupts start-up and returns.
+    starts_alone: bool,
     /// What the program and its handlers write to the system control space, as far as they were
     /// analysed.
     system: SystemWrites,
@@ -62,85 +66,14 @@ impl<'a> Analysis<'a> {
             part: *part,
             timings: Timings::of(part),
             lasting: Rc::default(),
+            choices: Rc::default(),
+            starts_alone: false,
             system: SystemWrites::default(),
             lent: Written::new(),
             trusted: Written::new(),
             holds: true,
             known: HashMap::new(),
         }
-    }
-
-    /// Finds the words that keep the address which start-up from `main` wrote to them. They are
-    /// taken for granted from then on. `handlers` must be all handlers of the program.
-    ///
-    /// If no word can be proven because of stores through unresolved pointers, such stores are
-    /// treated as `unknown_stores` says.
-    pub fn learn(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) -> &Words {
-        self.learn_once(main, handlers, unknown_stores);
-        if Memory::trusts_lent(&self.lent, &self.trusted) {
-            self.holds = false;
-            self.known.clear();
-            // What was taken for granted rests on bytes that DMA may write.
-            self.lasting = Rc::default();
-            self.learn_once(main, handlers, unknown_stores);
-        }
-        &self.lasting
-    }
-
-    fn learn_once(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) {
-        let (program, mut memory) = self.explore(main, Entry::Program, &[]);
-        let mut lost = memory.lost || is_not_followed(&program);
-        self.known.insert((main, Entry::Program), program);
-        // Idle code that could not be followed, or that stores anywhere, may only not know these words. It is
-        // then run again with them, as each handler is.
-        let blind = lost || memory.written.contains(&Extent::EVERYWHERE);
-        if blind {
-            let (start, left) =
-                self.explore_in((main, Entry::Program), &[], &BTreeSet::new(), true);
-            lost = left.lost || is_not_followed(&start);
-            memory.left = left.left;
-        }
-        let mut words = match memory.left {
-            Some(words) if !lost => words,
-            _ => return,
-        };
-        if !blind {
-            drop_reached(&mut words, &memory.written);
-        }
-        let again = blind.then_some((main, Entry::Program));
-        let entries = handlers.iter().map(|handler| (*handler, Entry::Handler));
-        let entries: Vec<(u32, Entry)> = entries.chain(again).collect();
-        let mut spared = (unknown_stores == UnknownStores::SparePointers).then(|| words.clone());
-        let mut sparing = false;
-        loop {
-            self.lasting = Rc::new(words.clone());
-            let (mut written, lost) = self.written_by(&entries);
-            if sparing {
-                written.remove(&Extent::EVERYWHERE);
-            }
-            if lost {
-                written.insert(Extent::EVERYWHERE);
-            }
-            let fewer = drop_reached(&mut words, &written);
-            match spared.take_if(|_| fewer && words.is_empty() && !lost) {
-                Some(all) => (words, sparing) = (all, true),
-                None if fewer => {}
-                None => return,
-            }
-        }
-    }
-
-    /// The bytes that this code may write, and whether some of it could not be followed.
-    fn written_by(&mut self, entries: &[(u32, Entry)]) -> (Written, bool) {
-        let mut written = Written::new();
-        let mut lost = false;
-        for &(entry, kind) in entries {
-            let (bound, memory) = self.explore(entry, kind, &[]);
-            lost |= is_not_followed(&bound);
-            written.extend(memory.written);
-            self.known.insert((entry, kind), bound);
-        }
-        (written, lost)
     }
 
     /// Bounds the code at `entry`.
@@ -210,6 +143,8 @@ impl<'a> Analysis<'a> {
             let on = (self.part, self.timings);
             let known = Memory {
                 lasting,
+                choices: self.choices.clone(),
+                starts_alone: self.starts_alone,
                 holds: self.holds,
                 ..Memory::default()
             };
@@ -279,9 +214,4 @@ impl<'a> Analysis<'a> {
     pub fn image(&self) -> &'a Image {
         self.program.image
     }
-}
-
-/// Whether a path could not be followed to its end.
-fn is_not_followed(bound: &Bound) -> bool {
-    bound.problems.iter().any(Problem::hides_paths)
 }

@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use crate::extent::Extent;
-use crate::lasting::{FAR, is_priorities, places, reach};
+use crate::lasting::{FAR, FEW, is_priorities, places, reach};
 use crate::layout::{PERIPHERALS, RAM, STACK, leads_to_memory};
 use crate::pend::{Pend, of_store};
 use crate::range::Range;
@@ -50,12 +50,15 @@ impl Step<'_, '_> {
         {
             return Value::constant(adjust(word, size, signed));
         }
+        if let Some(one) = self.choice(address, size) {
+            return one;
+        }
         let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
             addresses
                 .map(|at| Some(adjust(self.constant(at, size)?, size, signed)))
                 .collect()
         };
-        let words = match self.machine.symbols.elements(address) {
+        let words = match self.machine.symbols.targets(address) {
             Some(addresses) => constants(&mut addresses.into_iter()),
             None if address.range.count() <= MAX_LOADS => constants(&mut address.range.iter()),
             None => None,
@@ -77,23 +80,71 @@ impl Step<'_, '_> {
 
     /// The content of `address`, if it is constant or known at this point of start-up.
     fn constant(&self, address: u32, size: u32) -> Option<u32> {
-        self.machine.image.constant(address, size).or_else(|| {
-            let within = address & 3;
-            let words = if self.state.started {
-                &self.machine.memory.lasting
-            } else {
-                &self.state.memory
-            };
-            let word = words
-                .get(&(address - within))
-                .filter(|_| within + size <= 4)?
-                >> (8 * within);
-            Some(if size == 4 {
-                word
-            } else {
-                word & ((1 << (8 * size)) - 1)
+        let zero = || {
+            let bytes = Extent::new(address, address.saturating_add(size - 1));
+            self.is_still_zero(bytes).then_some(0)
+        };
+        self.machine
+            .image
+            .constant(address, size)
+            .or_else(zero)
+            .or_else(|| {
+                let within = address & 3;
+                let words = if self.state.started {
+                    &self.machine.memory.lasting
+                } else {
+                    &self.state.memory
+                };
+                let word = words
+                    .get(&(address - within))
+                    .filter(|_| within + size <= 4)?
+                    >> (8 * within);
+                Some(if size == 4 {
+                    word
+                } else {
+                    word & ((1 << (8 * size)) - 1)
+                })
             })
-        })
+    }
+
+    /// The word at an address that handlers set to one of a few.
+    fn choice(&mut self, address: &Value, size: u32) -> Option<Value> {
+        if size != 4 || !self.state.started || self.machine.memory.choices.is_empty() {
+            return None;
+        }
+        let [at] = self.machine.symbols.targets(address)?[..] else {
+            return None;
+        };
+        let words = self.machine.memory.choices.get(&at)?;
+        let words = words.iter().copied().collect();
+        self.symbols().one_of(words)
+    }
+
+    /// What `value` may be, if these are a few addresses or zero.
+    fn addresses(&self, value: &Value) -> Option<Vec<u32>> {
+        let words = self
+            .machine
+            .symbols
+            .elements(value)
+            .filter(|_| !value.stack)?;
+        let part = &self.machine.part;
+        let lead = |word: &u32| *word == 0 || leads_to_memory(part, *word);
+        (words.len() as u64 <= FEW && words.iter().all(lead)).then_some(words)
+    }
+
+    /// Start-up may have changed these bytes.
+    fn touch(&mut self, bytes: Extent) {
+        let zeroed = self.machine.image.zeroed();
+        if let Some(both) = zeroed.and_then(|zeroed| zeroed.meet(bytes)) {
+            Rc::make_mut(&mut self.state.touched).insert(both);
+        }
+    }
+
+    /// Whether these are bytes of variables that begin as zeros, which start-up has not changed yet.
+    fn is_still_zero(&self, bytes: Extent) -> bool {
+        let zeroed = self.machine.image.zeroed().filter(|_| !self.state.started);
+        zeroed.is_some_and(|zeroed| zeroed.meet(bytes) == Some(bytes))
+            && (self.state.touched.iter()).all(|touched| touched.meet(bytes).is_none())
     }
 
     /// Stores the low `size` bytes of `value`.
@@ -176,7 +227,15 @@ impl Step<'_, '_> {
         self.hold(reached, address, size, value);
         if self.state.started {
             self.machine.memory.written.insert(reached);
+            let exact = address.as_constant() == Some(reached.first);
+            let addresses = self
+                .addresses(value)
+                .filter(|_| exact && size == 4 && reached.first & 3 == 0);
+            self.machine.memory.stored.note(reached, addresses);
             return;
+        }
+        if value.as_constant() != Some(0) {
+            self.touch(reached);
         }
         let Extent { first, last } = reached;
         let word = if address.as_constant() == Some(first) {
@@ -246,7 +305,10 @@ impl Step<'_, '_> {
             None if self.machine.part.ram.contains(lent) => Extent::EVERYWHERE,
             None => return,
         };
-        self.machine.memory.written.insert(lent);
-        self.machine.memory.lent.insert(lent);
+        let memory = &mut self.machine.memory;
+        memory.written.insert(lent);
+        memory.lent.insert(lent);
+        memory.stored.note(lent, None);
+        self.touch(lent);
     }
 }

@@ -39,6 +39,8 @@ impl Executor<'_> {
         if !started && state.started {
             self.memory.enabled(&state.memory);
             state.memory = Rc::default();
+            let touched = std::mem::take(&mut state.touched);
+            self.memory.touched.extend(touched.iter());
         }
         if !started && effects.unknown_mask {
             self.memory.lost = true;
@@ -77,6 +79,7 @@ impl Step<'_, '_> {
             Insn::Fp(insn) => self.floating_point(insn),
             // The debugger's answer.
             Insn::Bkpt { imm: SEMIHOSTING } => self.forget(0),
+            Insn::ClearExclusive => self.state.reserved = None,
             // The other instructions move neither data nor control, or the targets do not
             // have them. Registers keep their values, or the path ends.
             _ => {}

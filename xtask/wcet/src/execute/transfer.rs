@@ -139,11 +139,26 @@ impl Step<'_, '_> {
         if load {
             let value = self.load(&address, size.bytes(), false);
             self.set(rt, value);
+            self.state.reserved = address.as_constant();
+        } else if self.certainly_stores(&address) {
+            let value = self.read(rt);
+            self.store(&address, size.bytes(), &value);
+            self.set(rd, Value::constant(0));
         } else {
             // The store may fail, so the bytes hold the old value or the new one.
             self.store(&address, size.bytes(), &Value::ANY);
             self.set(rd, Value::within(Range::between(0, 1)));
         }
+    }
+
+    /// Whether a store-exclusive certainly succeeds: only an exception could come between it and the load-exclusive of
+    /// the same word (DDI 0403 A3.4.1), and in start-up none does from which the program comes back.
+    fn certainly_stores(&mut self, address: &Value) -> bool {
+        let reserved = self.state.reserved.take();
+        reserved.is_some()
+            && reserved == address.as_constant()
+            && !self.state.started
+            && self.machine.memory.starts_alone
     }
 
     pub(super) fn load_or_store_multiple(&mut self) {

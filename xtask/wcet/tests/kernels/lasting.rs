@@ -6,21 +6,26 @@ use wcet::annotation::Annotations;
 use wcet::bound::{Bound, Entry};
 use wcet::cycles::Cycles;
 use wcet::image::Image;
+use wcet::lasting::Known;
 use wcet::lasting::UnknownStores::{self, ClobberAll, SparePointers};
 
 /// The number of words that last with these handlers, and the bound of the first handler.
 fn learn(handlers: &[&str], unknown_stores: UnknownStores) -> (usize, Bound) {
+    let (known, bound) = known(handlers, unknown_stores);
+    (known.lasting.len(), bound)
+}
+
+/// What is known of memory with these handlers, and the bound of the first handler.
+fn known(handlers: &[&str], unknown_stores: UnknownStores) -> (Known, Bound) {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
     let mut analysis = Analysis::new(&image, &annotations, &PART);
     let at = |name: &&str| kernel(&image, &format!("start::{name}"));
     let handlers: Vec<u32> = handlers.iter().map(at).collect();
-    let words = analysis
-        .learn(at(&"set_up"), &handlers, unknown_stores)
-        .len();
+    let known = analysis.learn(at(&"set_up"), &handlers, unknown_stores);
     let bound = analysis.run(handlers[0], Entry::Handler);
     assert!(bound.problems.is_empty(), "{:?}", bound.problems);
-    (words, bound)
+    (known, bound)
 }
 
 /// A pointer in RAM leads to eight words of RAM. If the analysis knows that, each word costs two
@@ -53,6 +58,37 @@ fn a_word_that_a_handler_may_change_does_not_last() {
     assert_eq!(learn(&["use_pointer", "write_anywhere"], ClobberAll).0, 0);
 }
 
+/// A handler may set a pointer to what start-up has left in another word, or to one of a few addresses.
+#[test]
+fn a_word_that_handlers_set_to_few_addresses_leads_to_them() {
+    for (others, choices) in [
+        (&["choose"][..], 2),
+        (&["choose", "choose_another"], 3),
+        (&["choose", "choose_anything"], 0),
+        (&["choose", "write_anywhere"], 2),
+    ] {
+        let handlers: Vec<&str> = ["use_choice"].iter().chain(others).copied().collect();
+        let (known, bound) = known(&handlers, SparePointers);
+        let found: Vec<usize> = known
+            .choices
+            .values()
+            .map(std::collections::BTreeSet::len)
+            .collect();
+        assert_eq!(
+            found,
+            Vec::from_iter((choices > 0).then_some(choices)),
+            "{others:?}"
+        );
+        let Cycles { zero_wait, flashed } = bound.cycles;
+        assert_eq!(
+            flashed < 3 * zero_wait,
+            choices > 0,
+            "{others:?}: {:?}",
+            bound.cycles
+        );
+    }
+}
+
 /// Stores through unresolved pointers spare the word if that is allowed. A store that is known to
 /// reach the word does not.
 #[test]
@@ -83,6 +119,8 @@ fn the_start_lasts_until_a_task_can_run() {
         ("set_up_with_a_task", 0, 2),
         ("set_up_by_the_mask_before", 0, 1),
         ("set_up_on_two_paths", 0, 2),
+        ("set_up_if_unclaimed", 1, 0),
+        ("set_up_if_still_unclaimed", 0, 0),
         ("set_up_in_parts", 1, 0),
         ("set_up_in_parts_but_one", 0, 0),
     ] {
@@ -93,7 +131,8 @@ fn the_start_lasts_until_a_task_can_run() {
             "{name}: {:?}",
             bound.sections
         );
-        let found = analysis.learn(at(name), &handlers, ClobberAll).len();
+        let known = analysis.learn(at(name), &handlers, ClobberAll);
+        let found = known.lasting.len();
         assert_eq!(found, words, "{name}");
     }
 }
