@@ -23,7 +23,8 @@ use wcet::watch::Watch;
 use follower::{Findings, Follower, Found};
 
 /// Follows a core from now on. Each handler is compared with the watch that was made for its
-/// address. `known` is what its memory is taken to keep. The releases of a handler are not noted until `start_up` picoseconds after the first handler behind each start.
+/// address. `known` is what its memory is taken to keep. The releases of a handler are not noted until
+/// `start_up` picoseconds after the first handler behind each start.
 pub fn follow<'w>(
     mcu: &mut Mcu,
     watches: impl Iterator<Item = &'w Arc<Watch>>,

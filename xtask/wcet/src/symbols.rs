@@ -313,11 +313,22 @@ impl Symbols {
     /// language nothing is read or written through a pointer that may be null while it is.
     #[must_use]
     pub fn targets(&self, value: &Value) -> Option<Vec<u32>> {
-        let all = self.elements(value)?;
-        let from_null = value.base.and_then(|(_, offset)| offset.as_constant());
-        let is_led = |at: &u32| Some(*at) != from_null || *at >= NO_NUMBER;
-        let led: Vec<u32> = all.iter().copied().filter(is_led).collect();
-        Some(if led.is_empty() { all } else { led })
+        let mut all = self.elements(value)?;
+        let pointer = value.base.filter(|(symbol, _)| self.may_be_null(*symbol));
+        let from_null = pointer.and_then(|(_, offset)| offset.as_constant());
+        if all.len() > 1 {
+            all.retain(|at| Some(*at) != from_null);
+        }
+        Some(all)
+    }
+
+    /// Whether a symbol is null or one of a few addresses. Zero may also be the first of some indices: small numbers,
+    /// and addresses in a memory that begins at zero look like those.
+    fn may_be_null(&self, symbol: Symbol) -> bool {
+        match self.definitions.get(&symbol) {
+            Some(Definition::OneOf(words)) => words.iter().all(|at| *at == 0 || *at >= NO_NUMBER),
+            _ => false,
+        }
     }
 
     /// A value that is one of `words`.
@@ -356,7 +367,13 @@ mod tests {
             symbols.targets(&fourth),
             Some(vec![0x0800_0030, 0x2000_0020])
         );
-        // A register that is written through its address.
+        // An index, and the begin of a memory.
+        let index = symbols.one_of(vec![0, 4, 8]).unwrap();
+        let element = index.add(&Value::constant(0x1000));
+        assert_eq!(
+            symbols.targets(&element),
+            Some(vec![0x1000, 0x1004, 0x1008])
+        );
         let constant = Value::constant(16);
         assert_eq!(symbols.targets(&constant), Some(vec![16]));
     }
