@@ -15,7 +15,7 @@
 //! A software task's future keeps its pointers in words that its handler has set. Such a word holds one of a few
 //! addresses, if all stores of handlers and idle code that may reach it store just these, and to just this word:
 //! they, and what start-up left there. What they store depends on where pointers lead, too, so the handlers are
-//! run again with what was found, until nothing new is ([`Stored::choices`]).
+//! run again with what was found, until nothing new is (`Stored::choices`).
 //!
 //! Only words that hold an address are kept. A variable whose address is given to a peripheral
 //! is left out, as DMA may write there. A store at an unknown distance from the begin of a
