@@ -311,11 +311,12 @@ impl Drivable {
                 )
             }
             Fault::Sharpness => format!(
-                "leg {leg}: {fault} can follow, by {:.3} 1/m on each metre from {} to {}; points that bend more gently are \
-                 accepted",
+                "leg {leg}: {fault} can follow, by {:.3} 1/m on each metre from {} to {}, and the vehicle takes up to {:.3} 1/m at \
+                 its slowest; points that bend more gently are accepted",
                 driven.sharpness.abs(),
                 place(driven.start),
-                place(driven.end())
+                place(driven.end()),
+                settings.steering_rate / (settings.slowest * settings.wheelbase)
             ),
             Fault::Speed => format!(
                 "leg {leg}: its speed is {} m/s, and {:.2} to {} m/s is accepted: the receiver tells no heading of a slower \

@@ -644,6 +644,58 @@ mod tests {
         assert!(!folder.path().join("made.toml").exists());
     }
 
+    /// A mission of one leg, which is otherwise as the first one of a plan.
+    fn drivable(plan: &Plan, shape: Shape) -> Drivable {
+        let leg = Leg {
+            shape,
+            ..plan.legs[0].clone()
+        };
+        let plan = Plan {
+            legs: vec![leg],
+            fence: Vec::new(),
+            ..plan.clone()
+        };
+        Drivable::of(&plan).unwrap()
+    }
+
+    #[test]
+    fn a_curvature_that_changes_too_fast_is_refused_with_the_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+        let settings = settings(&vehicle).unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
+        let options = "--width 3 --headland 9 --origin 40.83,-96.66";
+        let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+        // From a line to an arc of three metres, with a steering that is slow.
+        let bends = (0..100_i32).map(|step| {
+            let along = 0.02 * f64::from(step - 50);
+            let heading = along.max(0.0) / 3.0;
+            let north = if along < 0.0 {
+                along
+            } else {
+                3.0 * heading.sin()
+            };
+            Local::new(north, 3.0 - 3.0 * heading.cos())
+        });
+        let slow = MissionSettings {
+            steering_rate: settings.steering_rate / 10.0,
+            ..settings
+        };
+        let points = bends.collect();
+        let bends = drivable(&plan, Shape::Curve { points });
+        assert!(bends.check(&settings).is_ok());
+        let refused = bends.check(&slow).unwrap_err();
+        let number_behind = |words: &str| -> f64 {
+            let (_, rest) = refused.split_once(words).expect(words);
+            rest.split(' ').next().unwrap().parse().unwrap()
+        };
+        let (by, limit) = (
+            number_behind("can follow, by "),
+            number_behind("takes up to "),
+        );
+        assert!(by > limit && limit > 0.1, "{refused}");
+    }
+
     #[test]
     fn a_refusal_names_place_value_and_limit() {
         let folder = tempfile::tempdir().unwrap();
@@ -652,18 +704,7 @@ mod tests {
         let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
         let options = "--width 3 --headland 9 --origin 40.83,-96.66";
         let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
-        let why = |shape: Shape| {
-            let leg = Leg {
-                shape,
-                ..plan.legs[0].clone()
-            };
-            let plan = Plan {
-                legs: vec![leg],
-                fence: Vec::new(),
-                ..plan.clone()
-            };
-            Drivable::of(&plan).unwrap().check(&settings).unwrap_err()
-        };
+        let why = |shape: Shape| drivable(&plan, shape).check(&settings).unwrap_err();
         assert_eq!(
             why(Shape::Line {
                 from: Local::new(5000.0, 1.0),
