@@ -34,6 +34,17 @@ fn with_a_key_the_same_attack_moves_none() {
     assert!(recovered > 0.0 && recovered < 1.0, "{recovered}");
 }
 
+/// A flood keeps the reference off the bus, and the next one begins the cycles at another time. Until the schedule
+/// has followed the receiver's epochs, some windows of its messages are empty, and that is known.
+#[test]
+fn a_flood_that_moves_the_schedule_leaves_windows_of_the_receiver_empty() {
+    let verdict = run(2231, true);
+    assert_eq!(verdict.violations, []);
+    assert_eq!(verdict.tally.known_examples["recovery"].seed, 2231);
+    let recovered = verdict.tally.worst_recovery_seconds;
+    assert!(recovered > 0.0 && recovered < 0.2, "{recovered}");
+}
+
 /// The attacker sends references of the backup master. Nodes follow some of them, and those that they
 /// refuse may be on no console.
 #[test]

@@ -285,6 +285,7 @@ impl fmt::Display for Report {
 fn reason(rule: &str) -> &'static str {
     match rule {
         "notice" => "because consoles do not count foreign references",
+        "recovery" => "because the schedule follows the receiver's epochs by 100 us in each cycle",
         _ => "because a reference is proven only by the next one",
     }
 }

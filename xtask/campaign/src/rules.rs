@@ -100,7 +100,7 @@ struct Judge<'a> {
     outcome: &'a Outcome,
     traffic: Traffic,
     matrix: Matrix,
-    /// Foreign references may have moved the schedule against the satellite receiver's epochs.
+    /// An attack may have moved the schedule against the satellite receiver's epochs.
     shifted: bool,
 }
 
@@ -151,7 +151,8 @@ impl<'a> Judge<'a> {
     /// The node of the satellite receiver if its epochs may come at any time of the basic cycle.
     ///
     /// The receiver keeps its own time. Only if its node leads does the schedule follow its epochs, by
-    /// 100 us at most in each cycle: a foreign reference that nodes have followed shows for many cycles.
+    /// 100 us at most in each cycle: a foreign reference that nodes have followed shows for many cycles, and so does
+    /// a reference that a flood has kept off the bus.
     fn asynchronous(&self) -> Option<NodeIndex> {
         let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
         let leader = self.leader().and_then(|leader| self.matrix.sender(leader));

@@ -32,7 +32,8 @@ pub struct Tally {
     /// Seed of that run; `None` without such a run.
     pub worst_recovery_seed: Option<u64>,
     /// Broken rules that are known to be open, by rule: those that no node can keep because a
-    /// reference is proven only by the next one, and foreign references that no console counts.
+    /// reference is proven only by the next one, windows of a receiver whose epochs the schedule has not
+    /// reached again, and foreign references that no console counts.
     pub known: BTreeMap<Word, u64>,
     /// The first of them: seed, time in s and what happened.
     pub known_examples: BTreeMap<Word, Example>,

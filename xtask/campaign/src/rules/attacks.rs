@@ -16,6 +16,9 @@ use crate::traffic::{Begin, Misplaced, Sent};
 /// Longest time from the end of the attacks until the frames of every node come again, s.
 const RECOVERY: f64 = 1.0;
 
+/// How far the schedule follows the satellite receiver's epochs in a basic cycle, at most, with the errors of crystals; s.
+const FOLLOWS: f64 = 200e-6;
+
 /// How much larger an effort may be than its command asks for: two steps of a motor driver's byte, of
 /// which 127 are the full effort.
 const EFFORT_STEP: f64 = 2.0 / 127.0;
@@ -34,7 +37,7 @@ pub(crate) fn attacked(
     let mut judge = Judge::new(vehicle, sequence, outcome);
     let foreign = foreign(&outcome.records, &sequence.attacks, plan);
     let mut spoofed = foreign.iter().map(|frame| frame.sent.id);
-    judge.shifted = spoofed.any(|id| judge.matrix.is_reference(id));
+    judge.shifted = spoofed.any(|id| judge.matrix.is_reference(id)) || judge.was_held_off();
     let mut tally = judge.count(&foreign);
     let mut violations = judge.places(&foreign, &mut tally);
     let mut movements = Vec::new();
@@ -310,6 +313,24 @@ impl Judge<'_> {
         guilty.sort_by(f64::total_cmp);
         guilty.dedup();
         guilty.len() as u64
+    }
+
+    /// Whether an attack kept a reference off the bus, so that the basic cycles began anew at another time.
+    fn was_held_off(&self) -> bool {
+        let first = self.sequence.attacks.iter().map(|attack| attack.from);
+        let first = first.fold(END, f64::min);
+        let Some((leader, period)) = self
+            .leader()
+            .and_then(|leader| Some((leader, steady_period(leader)?)))
+        else {
+            return false;
+        };
+        let starts = self.traffic.genuine(leader.id);
+        let starts: Vec<f64> = starts.map(|frame| seconds(frame.start)).collect();
+        starts.array_windows().any(|[before, next]| {
+            let cycles = ((next - before) / period).round().max(1.0);
+            *next > first && (next - before - cycles * period).abs() > cycles * FOLLOWS
+        })
     }
 
     /// When the attacks are over, s.
