@@ -644,6 +644,17 @@ mod tests {
         assert!(!folder.path().join("made.toml").exists());
     }
 
+    /// What the UAGV can drive, and a plan for a square field.
+    fn square_field() -> (MissionSettings<f32>, Plan) {
+        let folder = tempfile::tempdir().unwrap();
+        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
+        let settings = settings(&vehicle).unwrap();
+        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
+        let options = "--width 3 --headland 9 --origin 40.83,-96.66";
+        let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+        (settings, plan)
+    }
+
     /// A mission of one leg, which is otherwise as the first one of a plan.
     fn drivable(plan: &Plan, shape: Shape) -> Drivable {
         let leg = Leg {
@@ -660,12 +671,7 @@ mod tests {
 
     #[test]
     fn a_curvature_that_changes_too_fast_is_refused_with_the_limit() {
-        let folder = tempfile::tempdir().unwrap();
-        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
-        let settings = settings(&vehicle).unwrap();
-        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
-        let options = "--width 3 --headland 9 --origin 40.83,-96.66";
-        let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+        let (settings, plan) = square_field();
         // From a line to an arc of three metres, with a steering that is slow.
         let bends = (0..100_i32).map(|step| {
             let along = 0.02 * f64::from(step - 50);
@@ -698,12 +704,7 @@ mod tests {
 
     #[test]
     fn a_refusal_names_place_value_and_limit() {
-        let folder = tempfile::tempdir().unwrap();
-        let vehicle = vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap();
-        let settings = settings(&vehicle).unwrap();
-        let file = drawn(folder.path(), &square(0.0, 40.0), &[]);
-        let options = "--width 3 --headland 9 --origin 40.83,-96.66";
-        let plan = made(folder.path(), &format!("--from {file} {options}")).unwrap();
+        let (settings, plan) = square_field();
         let why = |shape: Shape| drivable(&plan, shape).check(&settings).unwrap_err();
         assert_eq!(
             why(Shape::Line {
