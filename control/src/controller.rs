@@ -586,7 +586,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let travel = self.travelled(tracking.speed);
         let cruise = self.settings.cruise;
         let mut planned = self.route.speed(&self.progress, travel);
-        // From the last command, not from the measured speed: a drive that is stuck would be told to drive on.
+        // The ramp begins at the last command. From the measured speed, a stuck drive would be told to keep it.
         if let Some(most) = self
             .route
             .stopping(self.travelled(applied) * self.drive(), dt)

@@ -16,7 +16,8 @@ use crate::traffic::{Begin, Misplaced, Sent};
 /// Longest time from the end of the attacks until the frames of every node come again, s.
 const RECOVERY: f64 = 1.0;
 
-/// How far the schedule follows the satellite receiver's epochs in a basic cycle, at most, with the errors of crystals; s.
+/// Most by which a master that follows the satellite receiver's epochs moves the next basic cycle, with the errors of
+/// crystals; s.
 const FOLLOWS: f64 = 200e-6;
 
 /// How much larger an effort may be than its command asks for: two steps of a motor driver's byte, of
@@ -319,17 +320,12 @@ impl Judge<'_> {
     fn was_held_off(&self) -> bool {
         let first = self.sequence.attacks.iter().map(|attack| attack.from);
         let first = first.fold(END, f64::min);
-        let Some((leader, period)) = self
-            .leader()
-            .and_then(|leader| Some((leader, steady_period(leader)?)))
-        else {
-            return false;
-        };
-        let starts = self.traffic.genuine(leader.id);
-        let starts: Vec<f64> = starts.map(|frame| seconds(frame.start)).collect();
-        starts.array_windows().any(|[before, next]| {
-            let cycles = ((next - before) / period).round().max(1.0);
-            *next > first && (next - before - cycles * period).abs() > cycles * FOLLOWS
+        let references = self.matrix.references(&self.traffic);
+        references.array_windows().any(|[before, next]| {
+            let gap = seconds(next.start) - seconds(before.start);
+            let cycles = (gap / self.period()).round().max(1.0);
+            let moved = (gap - cycles * self.period()).abs();
+            seconds(next.start) > first && moved > cycles * FOLLOWS
         })
     }
 

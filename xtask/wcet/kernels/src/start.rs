@@ -8,7 +8,7 @@ static OTHERS: [AtomicU32; 16] = [const { AtomicU32::new(0) }; 16];
 static PLACE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
 static CHOICE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
 static CLAIMED: AtomicU32 = AtomicU32::new(0);
-/// What start-up finds here is not known.
+/// The analysis does not know this value.
 #[used]
 static FOUND: AtomicU32 = AtomicU32::new(1);
 
@@ -69,7 +69,7 @@ pub fn set_up_on_two_paths() {
     unsafe { asm!("cpsid i", "msr basepri, {}", "cpsie i", in(reg) 0) };
 }
 
-/// Sets the pointer if nothing is noted in a variable that begins as zero.
+/// Sets the pointer if a variable in `.bss` is still zero.
 pub fn set_up_if_unclaimed() {
     if CLAIMED.load(Ordering::Relaxed) == 0 {
         set_up();
@@ -78,7 +78,7 @@ pub fn set_up_if_unclaimed() {
     unsafe { asm!("cpsie i") };
 }
 
-/// The same after something may have been noted there.
+/// The same after a store of an unknown word to that variable.
 pub fn set_up_if_still_unclaimed() {
     CLAIMED.store(FOUND.load(Ordering::Relaxed), Ordering::Relaxed);
     set_up_if_unclaimed();
@@ -157,7 +157,7 @@ pub fn use_index() {
     }
 }
 
-/// Adds elements with indices of which nothing is known.
+/// Adds eight elements of an array. The analysis knows nothing about their indices.
 pub fn use_any_index() {
     let mut sum = 0_u32;
     for value in &OTHERS[..8] {
