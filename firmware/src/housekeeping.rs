@@ -214,8 +214,6 @@ pub struct Housekeeping {
     /// The message that has not left the node yet.
     unsent: Option<Event>,
     findings: Findings,
-    /// Bytes of the stack that were never used, when this was last measured.
-    stack: u16,
     /// The self-test after the last step.
     test: Option<Report>,
     /// Steps in the schedule in a row, until the node has reported its start.
@@ -243,7 +241,6 @@ impl Housekeeping {
             pause: 0,
             unsent: None,
             findings: *findings,
-            stack: u16::MAX,
             test: None,
             settled: 0,
             round: Some(0),
@@ -282,15 +279,14 @@ impl Housekeeping {
         }
     }
 
-    /// Judges the node. `unused` measures the bytes of the stack that were never used; `reserve` are
-    /// those that must not be. Returns the report that is due on the bus. Call this before each
-    /// step.
+    /// Judges the node. Of the stack, `unused` bytes were never used, and `reserve` bytes must not
+    /// be. Returns the report that is due on the bus. Call this before each step.
     pub fn test(
         &mut self,
         bus: &BusView,
         motor: Motor,
         reserve: u16,
-        unused: impl FnOnce() -> u16,
+        unused: u16,
     ) -> Option<Report> {
         let running = bus.status.sync == SyncState::InSchedule;
         self.settled = if running {
@@ -301,10 +297,7 @@ impl Housekeeping {
         let due = self
             .round
             .filter(|_| self.settled > SETTLE_STEPS && self.pause == 0);
-        if due.is_some() || self.test.is_none() {
-            self.stack = unused();
-        }
-        let mut report = Report::new(&self.start, &self.findings, bus, motor, self.stack, reserve);
+        let mut report = Report::new(&self.start, &self.findings, bus, motor, unused, reserve);
         if self.unfit.is_none() {
             self.unfit = report.unfit();
             self.fault = self.fault.or(self.unfit.map(|_| NodeFault::SelfTest));
@@ -549,7 +542,7 @@ mod tests {
                 assert!(!keeping.ask(&request, true));
             }
             keeping.note_unsent(queue.map(|(_, event, _)| event));
-            let test = keeping.test(&bus, Motor::none(true), 0, || 800);
+            let test = keeping.test(&bus, Motor::none(true), 0, 800);
             let status = keeping.step(&bus, 0).report;
             if test.is_some() {
                 assert!(queue.is_none() && status.is_none());
@@ -607,7 +600,7 @@ mod tests {
         let mut run = |keeping: &mut Housekeeping, sync| {
             for _ in 0..100 {
                 let bus = view(sync, 0);
-                let report = keeping.test(&bus, Motor::none(true), 0, || 800);
+                let report = keeping.test(&bus, Motor::none(true), 0, 800);
                 let status = keeping.step(&bus, 0).report;
                 assert!(report.is_none() || status.is_none(), "one event a step");
                 rounds.extend(report.map(|report| (report.round, report.stack_free)));
@@ -636,7 +629,7 @@ mod tests {
             (Some(false), false),
             (None, false),
         ] {
-            let _ = keeping.test(&bus, motor(opens), 0, || 0);
+            let _ = keeping.test(&bus, motor(opens), 0, 0);
             assert_eq!(keeping.is_fit(), fit);
         }
         let status = keeping

@@ -352,6 +352,7 @@ impl Pace {
 /// What the housekeeping task owns: watchdog and LED.
 pub struct Keeper {
     housekeeping: Housekeeping,
+    stack: board::stack::Gauge,
     watchdog: Watchdog,
     led: Led,
     shown: Option<bool>,
@@ -374,6 +375,7 @@ impl Keeper {
         start_tick::<T>(tick, system, start.clocks.oscillator);
         Self {
             housekeeping: Housekeeping::new(start, findings),
+            stack: board::stack::Gauge::begin(),
             watchdog,
             led,
             shown: None,
@@ -450,7 +452,7 @@ impl Keeper {
         }
         let test = self
             .housekeeping
-            .test(bus, motor, STACK_RESERVE, board::stack::unused);
+            .test(bus, motor, STACK_RESERVE, self.stack.step());
         let duties = self.housekeeping.step(bus, work);
         if duties.feed {
             self.watchdog.feed();

@@ -383,12 +383,16 @@ fn a_relay_that_sticks_in_a_run_bars_the_motor_from_its_next_stop_on() {
 }
 
 #[test]
-fn a_deep_stack_is_found_when_the_bus_asks() {
+fn a_deep_stack_is_found_in_the_run_and_told_when_the_bus_asks() {
     let mut journey = Journey::of(RUNNING);
     journey.to(2.0);
+    assert!(journey.effort(nodes::DRIVE, at(2.0)) > 0.2, "it drove");
     // As if the stack had been used down to its last 400 bytes.
     let mcu = journey.vehicle.node_mut(nodes::DRIVE);
     assert!(mcu.set_memory(0x1000_0000 + 400, &[0; 4]));
+    // Two passes over the stack, of 80 ms each.
+    journey.to(2.2);
+    assert_eq!(journey.effort(nodes::DRIVE, at(2.2)), 0.0);
     ask(
         &mut journey,
         SelfTestRequest {

@@ -356,6 +356,17 @@ fn behind_a_loop_without_a_bound_a_count_has_one() {
     assert!(!said.out.contains("loop at src/bin/waits.rs"), "{said:?}");
 }
 
+/// A task that waits alone finds no other link in the timer queue, and its bound has no search.
+#[test]
+fn a_task_that_waits_alone_searches_no_queue() {
+    for (target, table, most) in [(Target::V7, "menu", 45.0), (Target::V6, "menu_v6", 25.0)] {
+        let said = with_table("menu", target, table, &[]);
+        assert_eq!(said.code, 0, "{target:?}: {said:?}");
+        let bound = column(&said, "step", "bound");
+        assert!(bound < most, "{target:?}: {bound}");
+    }
+}
+
 /// On a core without BASEPRI a lock masks single interrupts, and lasts until what it found is given back.
 #[test]
 fn a_lock_that_masks_single_interrupts_blocks_for_as_long_as_it_is_held() {

@@ -1,11 +1,12 @@
 //! The image under analysis and the control flow found in it so far.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 
 use super::annotation::Annotations;
 use super::graph::{Graph, Returning, Targets};
 use super::image::Image;
+use super::software;
 
 /// An image with its annotations and its control-flow graphs.
 #[derive(Debug)]
@@ -14,6 +15,8 @@ pub(crate) struct Program<'a> {
     pub image: &'a Image,
     /// Loop bounds in the sources.
     pub annotations: &'a Annotations,
+    /// Loads that find zero.
+    pub zeros: Rc<BTreeSet<u32>>,
     targets: Targets,
     returning: Returning,
     graphs: HashMap<u32, Rc<Graph>>,
@@ -26,6 +29,7 @@ impl<'a> Program<'a> {
         Self {
             image,
             annotations,
+            zeros: Rc::new(software::finding_no_link(image)),
             targets: Targets::new(),
             returning: Returning::default(),
             graphs: HashMap::new(),

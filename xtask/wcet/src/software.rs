@@ -4,11 +4,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rsemu::cpu::arm::v7m::isa::Insn;
+use rsemu::cpu::arm::v7m::isa::{Insn, MemOffset, Size};
 
 use super::graph::{Graph, conditional};
 use super::image::Image;
-use super::instruction::{Flow, advance_it, decode};
+use super::instruction::{Flow, Instruction, advance_it, decode};
 use super::register::{Register, RegisterSet};
 
 /// Prefix of the functions in the executor's only table of waker functions.
@@ -57,6 +57,12 @@ const QUEUE: Known = Known {
         0xae, 0x0a,
     ],
 };
+
+/// The lines of [`LIST`] that load the next link of one, and the one by which a link that enters the list
+/// loads the first.
+const LOADS_OF_OTHERS: [u32; 7] = [37, 68, 75, 83, 90, 109, 137];
+/// The source of such a load.
+const ATOMIC_SOURCE: &str = "core/src/sync/atomic.rs";
 
 /// Source of the calls of a waker's functions, whatever the name of the function that holds the call.
 const WAKE_SOURCE: &str = "core/src/task/wake.rs";
@@ -239,6 +245,60 @@ fn waiting(image: &Image) -> u64 {
         .symbols()
         .filter(|name| name.contains("__rtic_internal_") && name.contains("_EXEC"));
     executors.count() as u64
+}
+
+/// The loads that find no link in the timer queue, as only one task may wait in it: of the link behind
+/// another one, and of the first link when one enters the queue.
+///
+/// A load from the stack is none of these, whatever its line: it gives back a word that a register had to
+/// make room for.
+#[must_use]
+pub fn finding_no_link(image: &Image) -> BTreeSet<u32> {
+    let mut found = BTreeSet::new();
+    if waiting(image) != 1 {
+        return found;
+    }
+    for (function, known) in image.functions() {
+        let mut address = function;
+        while address < function + known.size {
+            let is_code = image.is_code(address);
+            let Some(instruction) = is_code.then(|| decode(image, address, 0).ok()).flatten()
+            else {
+                address += 2;
+                continue;
+            };
+            if finds_no_link(image, &instruction) {
+                found.insert(address);
+            }
+            address += instruction.size;
+        }
+    }
+    found
+}
+
+fn finds_no_link(image: &Image, instruction: &Instruction) -> bool {
+    let Insn::LoadStore {
+        load: true,
+        size: Size::Word,
+        rn,
+        offset: MemOffset::Imm(_),
+        wback: false,
+        ..
+    } = instruction.insn
+    else {
+        return false;
+    };
+    if matches!(Register::new(rn), Register::SP | Register::PC) {
+        return false;
+    }
+    let places = image.places(instruction.address);
+    let is_atomic = places
+        .first()
+        .is_some_and(|place| place.file.ends_with(ATOMIC_SOURCE));
+    is_atomic
+        && places
+            .iter()
+            .any(|place| LOADS_OF_OTHERS.contains(&place.line) && LIST.is(image, &place.file))
 }
 
 /// The bound of loop `number` of `graph` and the reason for it, if it is a loop of the timer

@@ -162,6 +162,7 @@ impl Run<'_, '_> {
             function: graph.entry,
             block: header,
         };
+        let turns = bound.map_or(turns, |bound| turns.min(bound));
         self.facts.add_turns(id, turns);
         all
     }

@@ -105,6 +105,7 @@ impl<'r, 'a> Run<'r, 'a> {
         let executor = Executor {
             image: program.image,
             part,
+            zeros: program.zeros.clone(),
             found_basepri: symbols.fresh(),
             found_primask: [symbols.fresh(), symbols.fresh()],
             symbols,

@@ -1,5 +1,8 @@
 //! What executing an instruction needs and gives.
 
+use std::collections::BTreeSet;
+use std::rc::Rc;
+
 use crate::image::Image;
 use crate::lasting::Memory;
 use crate::mask::Masked;
@@ -44,6 +47,8 @@ pub(crate) struct Executor<'a> {
     pub image: &'a Image,
     /// The part that runs it.
     pub part: Part,
+    /// The addresses of loads that find zero.
+    pub zeros: Rc<BTreeSet<u32>>,
     /// Names of unknown words.
     pub symbols: Symbols,
     /// The word that stood in `BASEPRI` when the code began.

@@ -53,7 +53,10 @@ impl Step<'_, '_> {
         let address = if index { moved } else { base };
         self.access(&address, load, size.bytes(), 1);
         if load {
-            let value = self.load(&address, size.bytes(), signed);
+            let value = match self.machine.zeros.contains(&self.instruction.address) {
+                true => Value::constant(0),
+                false => self.load(&address, size.bytes(), signed),
+            };
             if wback {
                 self.set(rn, moved);
             }
