@@ -1,8 +1,53 @@
-//! What a bus guardian tells: lines for its console, and for the log of a debug probe.
+//! What the images of bus guardians share: what goes from task to task, and what they tell on the console and in the
+//! log of a debug probe.
 
-use ttcan::guardian::{GuardianState, Trip};
+use ttcan::guardian::{Evidence, GuardianState, Judge, News, Trip};
+use ttcan::{Frame, Stamp};
 
 use crate::console::Line;
+
+/// A frame that was received, and the lines when it was taken.
+pub struct Taken<const NODES: usize> {
+    /// The frame.
+    pub frame: Frame,
+    /// When it was received.
+    pub stamp: Stamp,
+    /// The lines.
+    pub evidence: Evidence<NODES>,
+}
+
+/// The lower half, and whether it has ruled since the last step of `report`.
+pub struct Lower<const NODES: usize> {
+    /// The lower half.
+    pub judge: Judge<'static, NODES>,
+    ruled: bool,
+}
+
+impl<const NODES: usize> Lower<NODES> {
+    /// A lower half that has not ruled yet.
+    pub const fn new(judge: Judge<'static, NODES>) -> Self {
+        Self {
+            judge,
+            ruled: false,
+        }
+    }
+
+    /// Tells it of a frame. True if the time of the network follows from it.
+    pub fn receive(&mut self, taken: &Taken<NODES>) -> bool {
+        (self.judge).receive(&taken.frame, taken.stamp, &taken.evidence)
+    }
+
+    /// Rules on what the upper half has seen.
+    pub fn rule(&mut self, news: &News<NODES>, now: Stamp) {
+        self.ruled = true;
+        self.judge.rule(news, now);
+    }
+
+    /// Whether it has ruled since the last call, and what it knows of the time of the network.
+    pub fn report(&mut self) -> (bool, GuardianState) {
+        (core::mem::take(&mut self.ruled), self.judge.state())
+    }
+}
 
 /// How often a guarded node was cut, and why the last time.
 pub type Trips = (u16, Option<Trip>);

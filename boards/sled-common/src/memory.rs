@@ -94,7 +94,8 @@ mod march {
         "movw r4, #:lower16:{defect}",
         "movt r4, #:upper16:{defect}",
         "str r6, [r4]",
-        "bx r12",
+        "mov lr, r12",
+        "bx lr",
         // The march over the words from r0 up to r1.
         "20:",
         "mov r2, r0",

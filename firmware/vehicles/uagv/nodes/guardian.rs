@@ -36,9 +36,9 @@ mod app {
     use firmware::board::{self, CanPort, time::Clock};
     use firmware::console::Line;
     use firmware::fault;
-    use firmware::guard::{self, Told, Trips};
-    use ttcan::guardian::{Evidence, Guardian, GuardianConfig, GuardianState, Judge, Lines, Watch};
-    use ttcan::{Frame, Micros, Stamp, StampLatency};
+    use firmware::guard::{self, Lower, Taken, Told, Trips};
+    use ttcan::guardian::{Guardian, GuardianConfig, GuardianState, Lines, Watch};
+    use ttcan::{Micros, Stamp, StampLatency};
     use uagv::guarded;
     use uagv::matrix::{BIT_RATE, SCHEDULE};
 
@@ -72,22 +72,9 @@ mod app {
         clock: Clock,
         watch: Watch<NODES>,
         /// The last frame, until `handle` has it.
-        taken: Option<Taken>,
-        lower: Lower,
+        taken: Option<Taken<NODES>>,
+        lower: Lower<NODES>,
         console: Console,
-    }
-
-    /// A frame that was received, and the lines when it was taken.
-    pub struct Taken {
-        frame: Frame,
-        stamp: Stamp,
-        evidence: Evidence<NODES>,
-    }
-
-    /// The lower half, and whether it has ruled since the last step of `report`.
-    pub struct Lower {
-        judge: Judge<'static, NODES>,
-        ruled: bool,
     }
 
     #[local]
@@ -124,10 +111,7 @@ mod app {
                 clock: sled.clock,
                 watch,
                 taken: None,
-                lower: Lower {
-                    judge,
-                    ruled: false,
-                },
+                lower: Lower::new(judge),
                 console: sled.console,
             },
             Local {
@@ -188,10 +172,7 @@ mod app {
         let Some(taken) = cx.shared.taken.lock(Option::take) else {
             return;
         };
-        let followed = cx.shared.lower.lock(|lower| {
-            let judge = &mut lower.judge;
-            judge.receive(&taken.frame, taken.stamp, &taken.evidence)
-        });
+        let followed = cx.shared.lower.lock(|lower| lower.receive(&taken));
         if followed {
             rtic::pend(Interrupt::EXTI9_5);
         }
@@ -214,10 +195,7 @@ mod app {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let news = watch.lock(Watch::news);
         let now = Stamp(cx.shared.clock.now());
-        lower.lock(|lower| {
-            lower.ruled = true;
-            lower.judge.rule(&news, now);
-        });
+        lower.lock(|lower| lower.rule(&news, now));
         rtic::pend(Interrupt::EXTI4);
     }
 
@@ -242,10 +220,7 @@ mod app {
 
     #[task(binds = RTC_ALARM, priority = 2, shared = [lower], local = [led, watchdog, reports: u8 = 0])]
     fn report(mut cx: report::Context) {
-        let (ruled, state) = cx.shared.lower.lock(|lower| {
-            let ruled = core::mem::take(&mut lower.ruled);
-            (ruled, lower.judge.state())
-        });
+        let (ruled, state) = cx.shared.lower.lock(Lower::report);
         if ruled {
             cx.local.watchdog.feed();
         }
