@@ -322,6 +322,21 @@ fn the_guardian_changes_nothing_for_good_nodes() {
     );
 }
 
+/// All four acknowledge three foreign frames in each millisecond, which nobody sends who is guarded.
+#[test]
+fn a_flood_of_foreign_frames_closes_no_gate() {
+    let mut flooded = Run::new(true, |vehicle| {
+        let flood = "summary = \"flood\"\nduration = \"2 s\"\n\n[[bus]]\nwhat = \"frame\"\nid = 2047\n\
+            data = []\nat = \"0.5 s\"\nevery = \"320 us\"\nuntil = \"1.4 s\"\n";
+        Scenario::parse(vehicle, "flood", "the test's scenario", flood).expect("it is sound")
+    });
+    flooded.to(1500);
+    let foreign = flooded.frames(500, 1400);
+    let foreign = foreign.iter().filter(|(_, id, _)| *id == 2047).count();
+    assert!(foreign > 2000, "{foreign}");
+    assert_eq!(flooded.twin.gates(), []);
+}
+
 #[test]
 fn a_node_that_babbles_is_cut_and_returns() {
     // Good traffic, for comparison.

@@ -214,7 +214,7 @@ impl<'s, const P: usize> Judge<'s, P> {
         } else {
             Self::ALL
         };
-        self.acknowledged = 0;
+        self.acknowledged &= !news.marks.begun;
         if cuts != 0 {
             self.settle();
         }

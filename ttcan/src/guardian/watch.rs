@@ -149,7 +149,7 @@ pub struct Evidence<const P: usize> {
     pub(super) spells: [Spell; P],
     /// Lines whose last spell is not long past.
     pub(super) recent: u32,
-    /// Lines whose last spell is still to be judged.
+    /// Lines whose last spell is still to be judged, be it that its slot is still to be found.
     pub(super) new: u32,
     /// Lines that are dominant.
     pub(super) dominant: u32,
@@ -447,7 +447,7 @@ impl<const P: usize> Watch<P> {
         Evidence {
             spells: self.spells,
             recent: self.recent,
-            new: self.news.begun,
+            new: self.news.begun | self.starting,
             dominant: self.active & !self.recessive,
             open: self.open.0,
         }

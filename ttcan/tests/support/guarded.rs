@@ -117,6 +117,10 @@ pub(crate) struct Guarded<const P: usize> {
     /// Events that are still to come, by their time.
     pending: Vec<(u64, Event)>,
     random: u64,
+    /// From look to look by the timer, how late a look is, and how late a frame is taken, at most.
+    pub(crate) period: u64,
+    pub(crate) lateness: u64,
+    pub(crate) taking: u64,
     /// One of this many frames is not received by the guardian; 0 for none.
     pub(crate) deaf: u64,
     /// Frames that the gates stopped.
@@ -173,6 +177,9 @@ impl<const P: usize> Guarded<P> {
             late: 0,
             pending: Vec::new(),
             random: seed.wrapping_mul(77) + 1,
+            period: LOOK,
+            lateness: LATE,
+            taking: FRAME,
             deaf: 200,
             clipped: 0,
             history: Vec::new(),
@@ -237,7 +244,7 @@ impl<const P: usize> Guarded<P> {
                     for single in &mut self.singles {
                         single.handle_frame(&frame, stamp);
                     }
-                    let at = time + self.below(FRAME);
+                    let at = time + self.below(self.taking);
                     self.insert(at, Event::Take(frame, stamp));
                 }
                 Event::Take(frame, stamp) => {
@@ -318,7 +325,7 @@ impl<const P: usize> Guarded<P> {
 
     fn look_and_skip(&mut self, nanos: u64) {
         self.look();
-        self.timer += LOOK;
+        self.timer += self.period;
         // What does not change anything is left out.
         if self.lines.fell == 0 {
             let now = self.next_look();
@@ -332,9 +339,9 @@ impl<const P: usize> Guarded<P> {
             let ahead = dues.map(|due| due.ticks_since(at)).min().unwrap_or(0);
             let idle = u64::from(ahead.max(0).unsigned_abs() / TICKS_PER_US) * 1000;
             let idle = idle.min(nanos.saturating_sub(now));
-            self.timer += idle.saturating_sub(2 * LOOK) / LOOK * LOOK;
+            self.timer += idle.saturating_sub(2 * self.period) / self.period * self.period;
         }
-        self.late = self.below(LATE);
+        self.late = self.below(self.lateness);
     }
 
     fn next_look(&self) -> u64 {
@@ -479,6 +486,16 @@ impl<const P: usize> Guarded<P> {
             self.note("not received".to_owned());
         }
         fate
+    }
+
+    /// A frame of a sender that nobody guards begins on the bus. Those that are alive acknowledge it.
+    pub(crate) fn overhear(&mut self, frame: &Frame, from: u64, alive: &[bool; P]) {
+        self.run(from);
+        let end = from + (bits_of(frame).len() as u64 + 10) * BIT;
+        for (node, _) in alive.iter().enumerate().filter(|(_, alive)| **alive) {
+            self.drive(node, end - 9 * BIT, 1);
+        }
+        self.push(end - BIT, Event::Frame(*frame));
     }
 
     fn note(&mut self, line: String) {
