@@ -58,6 +58,21 @@ pub enum Problem {
         /// Where interrupts were masked.
         since: String,
     },
+    /// No path leaves a loop within its bound.
+    #[error(
+        "no path leaves the loop at {at} within its bound ({turns}): give as many turns as it takes, and no bound to a loop without an end"
+    )]
+    NotLeft {
+        /// Its place.
+        at: String,
+        /// The turns.
+        turns: u64,
+    },
+    /// No path was followed to an end.
+    #[error(
+        "no path through {0} returns or ends the program: the bound of a loop in it, or the length of a copy, is too low"
+    )]
+    Nowhere(String),
     /// The core sleeps in a task, or masks the interrupts that could wake it.
     #[error(
         "the core sleeps at {0}, in a task or where no masked interrupt wakes it: sleep in `idle` only, by `wfi`, and there not in a section that BASEPRI or FAULTMASK masks"
@@ -125,7 +140,9 @@ impl Problem {
                     .split_once(" calls ")
                     .map_or(calls, |(first, _)| first);
             }
-            Self::MaskedLoop { at, .. } | Self::LoopWithoutSource { at, .. } => at,
+            Self::MaskedLoop { at, .. }
+            | Self::LoopWithoutSource { at, .. }
+            | Self::NotLeft { at, .. } => at,
             Self::LoopWithoutBound(place)
             | Self::Sleep(place)
             | Self::StaysMasked(place)
@@ -135,6 +152,7 @@ impl Problem {
             | Self::UnknownMask(place)
             | Self::UnknownStack(place)
             | Self::Semihosting(place)
+            | Self::Nowhere(place)
             | Self::TooLong(place) => place,
         };
         // A place is `file:line (function)`, or `function at 0x...` without line tables.
@@ -150,7 +168,7 @@ impl Problem {
     const fn rank(&self) -> u8 {
         match self {
             Self::Semihosting(_) => 0,
-            Self::LoopWithoutSource { .. } | Self::LoopWithoutBound(_) => 1,
+            Self::LoopWithoutSource { .. } | Self::LoopWithoutBound(_) | Self::NotLeft { .. } => 1,
             Self::MaskedLoop { .. } => 2,
             Self::Sleep(_) => 3,
             Self::StaysMasked(_) => 4,
@@ -161,6 +179,7 @@ impl Problem {
             Self::UnknownMask(_) => 9,
             Self::UnknownStack(_) => 10,
             Self::TooLong(_) => 11,
+            Self::Nowhere(_) => 12,
         }
     }
 
@@ -177,10 +196,12 @@ impl Problem {
             | Self::Semihosting(_)
             | Self::StaysMasked(_) => false,
             Self::Recursion(_)
+            | Self::NotLeft { .. }
             | Self::UnboundedPointer(_)
             | Self::NotCode(_)
             | Self::UnknownMask(_)
             | Self::UnknownStack(_)
+            | Self::Nowhere(_)
             | Self::TooLong(_) => true,
         }
     }

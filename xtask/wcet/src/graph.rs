@@ -82,20 +82,24 @@ fn next_it(instruction: &Instruction, it: u8) -> u8 {
 /// Whether a function belongs to the panic handling and never returns.
 #[must_use]
 pub fn is_panic(name: &str) -> bool {
-    const NEVER_RETURN: [&str; 11] = [
+    const NEVER_RETURN: [&str; 9] = [
         "core::panicking::",
         "core::option::unwrap_failed",
         "core::option::expect_failed",
         "core::result::unwrap_failed",
         "core::slice::index::slice_",
         "core::str::slice_error_fail",
-        "len_mismatch_fail",
         "core::cell::panic_already",
-        "rust_begin_unwind",
-        "rust_panic",
+        "__rustc::rust_",
         "defmt::export::panic",
     ];
-    NEVER_RETURN.iter().any(|part| name.contains(part))
+    // As written in the sources of the compiler's libraries: a function of another crate may have such a name behind its
+    // path, and return.
+    let mismatch = name.starts_with("core::slice::") && name.contains("len_mismatch_fail");
+    let plain = ["rust_begin_unwind", "rust_panic"];
+    mismatch
+        || plain.iter().any(|whole| is_whole(name, whole))
+        || NEVER_RETURN.iter().any(|path| name.starts_with(path))
 }
 
 /// Whether a function resets the node: behind a fault, with its motor stopped, or to write a mission, when it has left
@@ -106,7 +110,13 @@ pub fn is_end(name: &str) -> bool {
         "firmware::fault::stop",
         "firmware::mission::replace::replace",
     ];
-    ENDS.iter().any(|end| name.contains(end))
+    ENDS.iter().any(|end| is_whole(name, end))
+}
+
+/// Whether this is the whole name of a function, but for the hash that the compiler adds.
+fn is_whole(name: &str, whole: &str) -> bool {
+    let rest = name.strip_prefix(whole);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with("::h"))
 }
 
 /// A basic block: instructions without a branch between them.
@@ -501,7 +511,7 @@ fn local_targets(
 
 #[cfg(test)]
 mod tests {
-    use super::is_end;
+    use super::{is_end, is_panic};
 
     #[test]
     fn a_path_ends_where_a_node_starts_anew() {
@@ -513,10 +523,29 @@ mod tests {
             assert!(is_end(name), "{name}");
         }
         for name in [
+            "firmware::fault::stop_motor",
+            "other::firmware::fault::stop",
             "firmware::mission::work::step",
             "firmware::mission::store::write",
         ] {
             assert!(!is_end(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_panic_is_one_of_the_compilers() {
+        for name in [
+            "core::panicking::panic_fmt",
+            "core::slice::copy_from_slice_impl::len_mismatch_fail",
+            "core::slice::<impl [T]>::copy_from_slice::len_mismatch_fail::h0123456789abcdef",
+            "__rustc::rust_begin_unwind",
+            "rust_begin_unwind",
+            "defmt::export::panic",
+        ] {
+            assert!(is_panic(name), "{name}");
+        }
+        for name in ["hardcore::panicking::note", "app::rust_panic_button"] {
+            assert!(!is_panic(name), "{name}");
         }
     }
 }

@@ -42,6 +42,19 @@ pub enum Level {
 }
 
 impl Level {
+    /// Whether all that the `other` masks is masked.
+    #[must_use]
+    pub const fn covers(self, other: Self) -> bool {
+        match (self, other) {
+            (Self::Faults, _) | (Self::All, Self::All | Self::From(_) | Self::Interrupts(_)) => {
+                true
+            }
+            (Self::From(own), Self::From(others)) => own <= others,
+            (Self::Interrupts(own), Self::Interrupts(others)) => others & !own == 0,
+            _ => false,
+        }
+    }
+
     /// Whether `BASEPRI` causes it.
     #[must_use]
     pub const fn is_basepri(self) -> bool {
@@ -60,4 +73,6 @@ pub struct Masked {
     pub at: u32,
     /// A symbol that is newer than what was read before, and older than what was read since.
     pub since: Symbol,
+    /// What caused it masks nothing any more, and another section masks the same interrupts until its own end.
+    pub handed: bool,
 }

@@ -49,10 +49,21 @@ const LOGGER: [&str; 4] = [
     "defmt_rtt::",
 ];
 
-/// The most bytes that the function `caller` copies at once, if that is known.
+/// A part of the path of the logger's source: another logger may have functions of the same names.
+const LOGGER_SOURCE: &str = "defmt-rtt";
+
+/// Whether the function at `entry` is the logger's.
+fn is_logger(image: &Image, entry: u32) -> bool {
+    let mut places = image.places(entry).into_iter();
+    places.any(|place| place.file.contains(LOGGER_SOURCE))
+}
+
+/// The most bytes that the function at `caller` copies at once, if that is known.
 #[must_use]
-pub(crate) fn most_copied(caller: &str) -> Option<u64> {
-    LOGGER.iter().any(|name| caller.contains(name)).then_some(1)
+pub(crate) fn most_copied(image: &Image, caller: u32) -> Option<u64> {
+    let name = image.name(caller);
+    let known = LOGGER.iter().any(|part| name.contains(part)) && is_logger(image, caller);
+    known.then_some(1)
 }
 
 /// The condition that `Z` is clear.
@@ -208,12 +219,13 @@ pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'st
 /// The register that holds the number of bytes on entry of a function that copies, fills, compares or
 /// encodes memory (ISO C 7.24; run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
-pub(crate) fn length_register(name: &str) -> Option<Register> {
-    if encodes(name) {
+pub(crate) fn length_register(image: &Image, entry: u32) -> Option<Register> {
+    let name = image.name(entry);
+    if encodes(&name) {
         // Its loop encodes one byte in each turn.
-        return Some(Register::new(1));
+        return is_logger(image, entry).then_some(Register::new(1));
     }
-    let name = name.rsplit("::").next().unwrap_or(name);
+    let name = library(&name)?;
     let plain = name.trim_end_matches(['4', '8']);
     match plain {
         "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => {
@@ -228,15 +240,24 @@ pub(crate) fn length_register(name: &str) -> Option<Register> {
 /// The register that holds the number of bytes which a function writes from the address in `r0`
 /// on; `None` for a function that also writes elsewhere.
 #[must_use]
-pub(crate) fn destination_length(name: &str) -> Option<Register> {
-    length_register(name).filter(|_| !encodes(name) && !compares(name))
+pub(crate) fn destination_length(image: &Image, entry: u32) -> Option<Register> {
+    let name = image.name(entry);
+    length_register(image, entry).filter(|_| !encodes(&name) && !compares(&name))
+}
+
+/// The name of a function of the C library, or of its implementation in `compiler_builtins`. A function of a program
+/// has a path in front of its name, and may do anything.
+fn library(name: &str) -> Option<&str> {
+    match name.rsplit_once("::") {
+        None => Some(name),
+        Some((path, name)) => path.starts_with("compiler_builtins").then_some(name),
+    }
 }
 
 /// Whether a function of this name compares two stretches of memory. Each turn of its loops compares bytes
 /// that no other turn does, and there are as many of them as its length.
 fn compares(name: &str) -> bool {
-    let name = name.rsplit("::").next().unwrap_or(name);
-    matches!(name, "memcmp" | "bcmp")
+    matches!(library(name), Some("memcmp" | "bcmp"))
 }
 
 /// Whether a function of this name encodes the bytes of a log record: `_defmt_write`, or the logger's method that
@@ -328,4 +349,21 @@ fn by_count(graph: &Graph, number: usize) -> u64 {
     };
     let counted = steps.filter(is_counter).map(|(_, (_, step))| step);
     counted.min().map_or(1, u64::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{compares, library};
+
+    #[test]
+    fn a_function_of_a_program_is_none_of_the_library() {
+        for name in ["memcpy", "compiler_builtins::mem::memcpy"] {
+            assert_eq!(library(name), Some("memcpy"), "{name}");
+        }
+        assert!(compares("bcmp"));
+        for name in ["app::flash::memcpy", "app::memcmp"] {
+            assert_eq!(library(name), None, "{name}");
+            assert!(!compares(name));
+        }
+    }
 }

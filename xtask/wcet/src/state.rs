@@ -352,6 +352,7 @@ fn join_sections(ours: &[Masked], theirs: &[Masked]) -> Vec<Masked> {
                 }
                 known.cycles = known.cycles.max(other.cycles);
                 known.since = known.since.min(other.since);
+                known.handed &= other.handed;
             }
             None => joined.push(*other),
         }

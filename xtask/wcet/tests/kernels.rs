@@ -174,6 +174,14 @@ fn programs_without_bound_are_refused() {
             "recursion: kernels::broken::recursion::ackermann calls",
         ),
         ("broken::pointer_from_memory", "may go anywhere"),
+        (
+            "broken::never_left",
+            "within its bound (10): give as many turns as it takes",
+        ),
+        (
+            "broken::without_end",
+            "within its bound (1): give as many turns as it takes",
+        ),
     ] {
         let bound = analyse(&mut analysis, name);
         assert_eq!(bound.problems.len(), 1, "{name}: {:?}", bound.problems);

@@ -54,6 +54,26 @@ pub fn pointer_from_memory(hook: &mut fn(u32) -> u32) -> u32 {
     hook(1).wrapping_add(1)
 }
 
+/// Has an annotation below what any path takes.
+#[inline(never)]
+pub fn never_left(input: &mut Input) -> u32 {
+    let mut word = input[0];
+    // loop-bound: 10
+    for turn in 0..2000 {
+        word = core::hint::black_box(word ^ turn);
+    }
+    word
+}
+
+/// Never ends, whatever its annotation says.
+#[inline(never)]
+pub fn without_end(input: &mut Input) -> u32 {
+    // loop-bound: 1
+    loop {
+        input[0] = core::hint::black_box(input[0].wrapping_add(1));
+    }
+}
+
 /// Has a false annotation, which a run on the emulator contradicts.
 #[inline(never)]
 pub fn annotated_too_low(input: &mut Input) -> u32 {

@@ -73,11 +73,13 @@ pub static KERNELS: [Kernel; 36] = [
 /// Functions without a bound, or with a false one.
 #[cfg(target_has_atomic = "32")]
 #[used]
-pub static BROKEN: [Kernel; 4] = [
+pub static BROKEN: [Kernel; 6] = [
     broken::endless_wait,
     broken::spin_lock,
     broken::recursion,
     broken::annotated_too_low,
+    broken::never_left,
+    broken::without_end,
 ];
 
 /// A function that calls through the pointer in its argument.
@@ -113,7 +115,7 @@ pub static HANDLERS: [fn(); 19] = [
 /// Programs and handlers that mask interrupts.
 #[cfg(target_has_atomic = "32")]
 #[used]
-pub static MASKED: [fn(); 29] = [
+pub static MASKED: [fn(); 31] = [
     masked::wait_by_primask,
     masked::wait_by_faultmask,
     masked::wait_by_faultmask_register,
@@ -136,6 +138,8 @@ pub static MASKED: [fn(); 29] = [
     masked::return_faultmask,
     masked::lock,
     masked::nest_lower,
+    masked::hand_down,
+    masked::hand_round,
     masked::restore_unknown,
     masked::raise_to_unknown,
     masked::restore_overwritten,

@@ -193,6 +193,30 @@ pub fn nest_lower() {
     restore(first);
 }
 
+/// A handler that masks the priorities from 0x50 on without a gap, but by other means from one third of the time to the next.
+pub fn hand_down() {
+    let found = raise(0x20);
+    count();
+    restore(0x50);
+    count();
+    restore(found);
+}
+
+/// The same, from `BASEPRI` to `PRIMASK` and back.
+pub fn hand_round() {
+    let found = raise(0x50);
+    count();
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsid i") };
+    restore(found);
+    count();
+    raise(0x50);
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsie i") };
+    count();
+    restore(found);
+}
+
 /// A handler that restores an unknown word.
 pub fn restore_unknown() {
     raise(0x50);

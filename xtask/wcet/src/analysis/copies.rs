@@ -24,7 +24,7 @@ impl Run<'_, '_> {
     /// and the number bounds its loops.
     pub(super) fn most_bytes(&self, entry: u32, state: &State) -> Option<u64> {
         let image = self.program.image;
-        let register = runtime::length_register(&image.name(entry))?;
+        let register = runtime::length_register(image, entry)?;
         let bytes = u64::from(state.registers[register].range.unsigned().1);
         let bytes = match self.frames.last() {
             // A memcpy wrapper cannot pass its callee a larger length than it was given.
@@ -32,7 +32,7 @@ impl Run<'_, '_> {
                 bytes: Some(outer), ..
             }) => bytes.min(*outer),
             Some(frame) => {
-                let most = runtime::most_copied(&image.name(frame.function));
+                let most = runtime::most_copied(image, frame.function);
                 most.map_or(bytes, |most| bytes.min(most))
             }
             None => bytes,
@@ -44,7 +44,7 @@ impl Run<'_, '_> {
     pub(super) fn begin_copy(&mut self, entry: u32, state: &State) -> Copy {
         let memory = &mut self.executor.memory;
         let outer = memory.target;
-        let length = runtime::destination_length(&self.program.image.name(entry));
+        let length = runtime::destination_length(self.program.image, entry);
         if let (None, Some(length)) = (outer, length) {
             // Such a function writes the bytes that it is called to write and nothing else.
             let most = state.registers[length].range.unsigned().1.max(1);

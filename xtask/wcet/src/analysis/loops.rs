@@ -164,6 +164,14 @@ impl Run<'_, '_> {
         };
         let turns = bound.map_or(turns, |bound| turns.min(bound));
         self.facts.add_turns(id, turns);
+        // Behind a bound that is too low nothing is followed, and nothing counts. A length that is given may rule paths
+        // out that are not known to be impossible otherwise.
+        let is_short = |given: &Given| given.annotated && self.kind != Entry::Fault;
+        if let Some(given) = given.filter(|given| all.is_empty() && is_short(given)) {
+            let at = self.place_of_loop(graph, number);
+            let turns = given.turns;
+            self.problems.insert(Problem::NotLeft { at, turns });
+        }
         all
     }
 

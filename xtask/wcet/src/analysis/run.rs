@@ -153,6 +153,10 @@ impl<'r, 'a> Run<'r, 'a> {
             }
             last.cycles
         });
+        let ends = returns || self.ended != Cycles::ZERO || !self.problems.is_empty();
+        if !ends && self.kind == Entry::Handler {
+            self.report(Problem::Nowhere, entry);
+        }
         let saved = match self.kind {
             Entry::Handler if self.uses_fpu => self.timings.save_floats(),
             _ => Cycles::ZERO,

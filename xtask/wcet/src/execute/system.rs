@@ -86,12 +86,7 @@ impl Step<'_, '_> {
     /// Sets `PRIMASK` or `FAULTMASK`, as `level` says.
     fn set_exception_mask(&mut self, level: Level, mask: ExceptionMask) {
         match mask {
-            ExceptionMask::Set => {
-                let mut running = self.state.masked.iter();
-                if running.all(|section| section.level != level) {
-                    self.begin_section(level);
-                }
-            }
+            ExceptionMask::Set => self.mask_by(level, |running| running == level),
             ExceptionMask::Clear => self.end_sections(|of| of.level == level),
             ExceptionMask::Unknown => self.effects.unknown_mask = true,
         }
@@ -128,8 +123,9 @@ impl Step<'_, '_> {
             self.raise_basepri(value);
         } else if let Some(word) = value.as_constant() {
             let new = self.implemented(word);
-            self.end_sections(|of| matches!(of.level, Level::From(old) if new == 0 || old < new));
+            self.hand_over(|of| matches!(of.level, Level::From(old) if new == 0 || old < new));
             self.mask_from(new);
+            self.settle_sections();
             self.state.basepri = *value;
         } else if self.is_as_found(value) {
             // This task runs, so the word that it found masks no priority at which the task
@@ -173,10 +169,22 @@ impl Step<'_, '_> {
     /// Begins a section that masks the priority values from `new` on, unless one is running that
     /// masks them too.
     fn mask_from(&mut self, new: u8) {
-        let masks_it = |level| matches!(level, Level::From(old) if old <= new);
-        let mut running = self.state.masked.iter();
-        if new != 0 && !running.any(|section| masks_it(section.level)) {
-            self.begin_section(Level::From(new));
+        if new != 0 {
+            let masks_it = |level| matches!(level, Level::From(old) if old <= new);
+            self.mask_by(Level::From(new), masks_it);
+        }
+    }
+
+    /// Begins a section, unless one of those that mask the same by themselves is running.
+    fn mask_by(&mut self, level: Level, masks_it: impl Fn(Level) -> bool) {
+        let running = &mut self.state.masked;
+        let mut own = running.iter().filter(|section| !section.handed);
+        if own.any(|section| masks_it(section.level)) {
+            return;
+        }
+        match running.iter_mut().find(|section| section.level == level) {
+            Some(again) => again.handed = false,
+            None => self.begin_section(level),
         }
     }
 
@@ -187,14 +195,50 @@ impl Step<'_, '_> {
             cycles: Cycles::ZERO,
             at: self.instruction.address,
             since,
+            handed: false,
         });
     }
 
-    /// Ends these running sections.
+    /// Ends these running sections, but for those whose interrupts another one masks: such a section
+    /// goes on.
     pub(super) fn end_sections(&mut self, ends: impl Fn(&Masked) -> bool) {
+        self.hand_over(ends);
+        self.settle_sections();
+    }
+
+    /// What caused these running sections masks nothing any more.
+    fn hand_over(&mut self, ends: impl Fn(&Masked) -> bool) {
+        let running = self.state.masked.iter_mut();
+        for section in running.filter(|section| ends(section)) {
+            section.handed = true;
+        }
+    }
+
+    /// Ends the sections whose interrupts nothing masks any more. What is still masked of them has been so since they
+    /// began.
+    fn settle_sections(&mut self) {
         let running = &mut self.state.masked;
-        let ended = running.iter().filter(|section| ends(section));
-        self.effects.unmasked.extend(ended);
-        running.retain(|section| !ends(section));
+        let own: Vec<Level> = running
+            .iter()
+            .filter(|section| !section.handed)
+            .map(|section| section.level)
+            .collect();
+        let is_over = |section: &Masked| {
+            section.handed && !own.iter().any(|level| level.covers(section.level))
+        };
+        let over: Vec<Masked> = running.iter().copied().filter(is_over).collect();
+        running.retain(|section| !is_over(section));
+        for section in running {
+            for before in over
+                .iter()
+                .filter(|before| before.level.covers(section.level))
+            {
+                if section.cycles.flashed < before.cycles.flashed {
+                    section.at = before.at;
+                }
+                section.cycles = section.cycles.max(before.cycles);
+            }
+        }
+        self.effects.unmasked.extend(over);
     }
 }

@@ -121,6 +121,29 @@ fn a_weaker_section_does_not_end_a_stronger_one() {
     assert!(section.cycles.zero_wait > 3000 * 4, "{section:?}");
 }
 
+/// Tasks that one mask after the other keeps waiting wait for all of them.
+#[test]
+fn a_section_goes_on_where_another_mask_takes_over() {
+    let longest = |name: &str, level: Level| {
+        let bound = bound(name, Entry::Handler);
+        assert!(bound.problems.is_empty(), "{name}: {:?}", bound.problems);
+        let sections = bound
+            .sections
+            .iter()
+            .filter(|section| section.level == level);
+        sections
+            .map(|section| section.cycles.zero_wait)
+            .max()
+            .unwrap()
+    };
+    // Each part is a loop of 3000 turns, as in `nest_lower`.
+    let part = longest("nest_lower", Level::From(0x20));
+    assert!(longest("hand_down", Level::From(0x20)) < 2 * part - 3000);
+    assert!(longest("hand_down", Level::From(0x50)) > 2 * part - 3000);
+    assert!(longest("hand_round", Level::From(0x50)) > 3 * part - 3000);
+    assert!(longest("hand_round", Level::All) < 2 * part - 3000);
+}
+
 /// Only the word that a handler found in `BASEPRI` certainly ends its sections.
 #[test]
 fn an_unknown_word_does_not_unmask() {
