@@ -324,6 +324,24 @@ fn each_way_of_breaking_it_has_its_sentence() {
              `interrupt::free`",
         ),
         (
+            "calls",
+            Target::V7,
+            "calls",
+            2,
+            "calls.toml: watch of calls pends call at src/bin/calls.rs:41 (TIM_B), which the task table omits: write \
+             `pended_by.watch = { every_us = N, because = \"...\" }` under [task.call], or `\"each\"` in place of the \
+             braces if every job of watch may",
+        ),
+        (
+            "late_timer",
+            Target::V7,
+            "late_timer",
+            1,
+            "not schedulable: late_timer.SysTick has no bound: the timer's interrupt at priority 1 does not preempt the \
+             software tasks at priority 2, so tasks may enter its queue while it empties it, and its turns have no \
+             bound: give the timer the higher priority",
+        ),
+        (
             "stays",
             Target::V6,
             "masks",
@@ -341,8 +359,9 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
     ] {
         let said = with_table(name, target, of, &[]);
+        let error = said.error.rsplit("/tables/").next().unwrap_or_default();
         // The line of a call may be that of what is inlined into it.
-        assert_eq!((said.code, said.error.as_str()), (code, sentence), "{name}");
+        assert_eq!((said.code, error), (code, sentence), "{name}");
     }
 }
 

@@ -51,7 +51,7 @@ const ALWAYS: [&str; 2] = [
 
 /// Assumption about a program with software tasks.
 pub const OF_SOFTWARE_TASKS: Assumption = Assumption {
-    granted: "The executor and the timer queue of the software tasks call only functions whose address stands in the image. A waker has its functions in a constant table. A software task waits for one instant at a time: who writes it makes sure.",
+    granted: "The executor and the timer queue of the software tasks call only functions whose address stands in the image. A waker has its functions in a constant table. A software task waits for one instant at a time, and no other code waits by the timer: who writes it makes sure.",
     watched: "An observed run that calls another function fails, and so does one in which a task that is the only one that may wait finds another in the queue.",
 };
 

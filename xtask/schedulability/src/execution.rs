@@ -18,6 +18,7 @@ use wcet::ipet::Line;
 use wcet::lasting::{Known, UnknownStores};
 use wcet::mask;
 use wcet::part::Part;
+use wcet::software::TIMER_QUEUE;
 use wcet::stack::{FRAME_FPU, Stacks};
 use wcet::timing::Timings;
 use wcet::watch::Watch;
@@ -316,6 +317,10 @@ impl Analyser<'_> {
         let image = self.image;
         let panics = bound.panics.iter();
         let panics = panics.map(|site| format!("{} -> {}", image.describe(site.at), site.callee));
+        let mut problems = bound.problems;
+        if let Some(problem) = self.low_timer(task, &bound.summarised) {
+            problems.insert(problem);
+        }
         let handler = Handler {
             kinds: self.kinds(task, entry)?,
             // Both are bounds, and either may be the smaller one: the search over paths knows
@@ -326,7 +331,7 @@ impl Analyser<'_> {
             // Known when all handlers are.
             preemption: BTreeMap::new(),
             lost: self.timings.flashed.exceptions().restart + bound.reload + bound.retry,
-            problems: bound.problems,
+            problems,
             panics: panics.collect(),
             annotated: bound.annotated,
             summarised: bound.summarised,
@@ -337,6 +342,17 @@ impl Analyser<'_> {
         let handlers = &mut self.execution.handlers;
         handlers.insert(task.interrupt.clone(), handler);
         Ok(())
+    }
+
+    /// What is wrong if the task empties the timer queue, and software tasks may enter it meanwhile.
+    fn low_timer(&self, task: &TaskModel, summarised: &BTreeMap<String, u64>) -> Option<Problem> {
+        let waiting = self.node.tasks.iter().filter(|other| other.dispatched);
+        let highest = waiting.map(|other| other.priority).max()?;
+        let is_low = summarised.contains_key(TIMER_QUEUE) && task.priority <= highest;
+        is_low.then_some(Problem::LowTimer {
+            timer: task.priority,
+            task: highest,
+        })
     }
 
     /// Bounds of the jobs of a task that never call certain functions, by their kind.

@@ -73,6 +73,16 @@ pub enum Problem {
         "no path through {0} returns or ends the program: the bound of a loop in it, or the length of a copy, is too low"
     )]
     Nowhere(String),
+    /// The timer's interrupt does not have priority over a task that waits for it.
+    #[error(
+        "the timer's interrupt at priority {timer} does not preempt the software tasks at priority {task}, so tasks may enter its queue while it empties it, and its turns have no bound: give the timer the higher priority"
+    )]
+    LowTimer {
+        /// The priority of the timer's interrupt, in which more is more urgent.
+        timer: u32,
+        /// That of the task.
+        task: u32,
+    },
     /// The core sleeps in a task, or masks the interrupts that could wake it.
     #[error(
         "the core sleeps at {0}, in a task or where no masked interrupt wakes it: sleep in `idle` only, by `wfi`, and there not in a section that BASEPRI or FAULTMASK masks"
@@ -140,6 +150,7 @@ impl Problem {
                     .split_once(" calls ")
                     .map_or(calls, |(first, _)| first);
             }
+            Self::LowTimer { .. } => "the timer's interrupt",
             Self::MaskedLoop { at, .. }
             | Self::LoopWithoutSource { at, .. }
             | Self::NotLeft { at, .. } => at,
@@ -180,6 +191,7 @@ impl Problem {
             Self::UnknownStack(_) => 10,
             Self::TooLong(_) => 11,
             Self::Nowhere(_) => 12,
+            Self::LowTimer { .. } => 13,
         }
     }
 
@@ -194,6 +206,7 @@ impl Problem {
             | Self::Sleep(_)
             | Self::DisabledInterrupt(_)
             | Self::Semihosting(_)
+            | Self::LowTimer { .. }
             | Self::StaysMasked(_) => false,
             Self::Recursion(_)
             | Self::NotLeft { .. }

@@ -1,8 +1,9 @@
 //! Exceptions that a program makes pending by stores to the interrupt controller.
 //!
-//! Three registers do that (Armv7-M Architecture Reference Manual B3.2.4, B3.2.26 and B3.4.5): a bit
-//! of `ISPR` for an interrupt, the number in `STIR`, and three bits of `ICSR` for `NMI`, `PendSV` and
-//! `SysTick`. RTIC's `pend` and `spawn` end in one of them.
+//! These registers do that (Armv7-M Architecture Reference Manual B3.2.4, B3.2.13, B3.2.26, B3.4.5 and C1.6.5): a bit
+//! of `ISPR` for an interrupt, the number in `STIR`, three bits of `ICSR` for `NMI`, `PendSV` and
+//! `SysTick`, four of `SHCSR` for the faults and `SVCall`, and one of `DEMCR` for `DebugMonitor`. RTIC's `pend` and `spawn`
+//! end in one of the first three. The instruction `SVC` makes `SVCall` pending without a store.
 //!
 //! Every store of a run of the abstract machine is looked at. If its address may be that of such a
 //! register, each exception counts that the possible words make pending; if the word is unknown, all
@@ -20,8 +21,17 @@ const ICSR: u32 = 0xe000_ed04;
 /// Software trigger interrupt register.
 const STIR: u32 = 0xe000_ef00;
 
-/// Bits of `ICSR` that make an exception pending, and its number.
+/// System handler control and state register.
+const SHCSR: u32 = 0xe000_ed24;
+/// Debug exception and monitor control register.
+const DEMCR: u32 = 0xe000_edfc;
+
+/// Bits of `ICSR` that make an exception pending, and its number; of `SHCSR`; of `DEMCR`.
 const SYSTEM: [(u32, u16); 3] = [(31, 2), (28, 14), (26, 15)];
+const SYSTEM_HANDLERS: [(u32, u16); 4] = [(13, 4), (14, 5), (12, 6), (15, SUPERVISOR_CALL)];
+const MONITOR: [(u32, u16); 1] = [(17, 12)];
+/// Number of `SVCall`, the exception of the instruction `SVC`.
+pub(crate) const SUPERVISOR_CALL: u16 = 11;
 /// Number of the first interrupt's exception.
 const FIRST_INTERRUPT: u16 = 16;
 /// Interrupts that `STIR` can name, at most.
@@ -61,7 +71,7 @@ pub(crate) fn of_store(
     }
     let words = words(symbols, value);
     let mut exceptions = Vec::new();
-    for register in ISPR.step_by(4).chain([ICSR, STIR]) {
+    for register in ISPR.step_by(4).chain([ICSR, SHCSR, DEMCR, STIR]) {
         let reaches = (register - 3..register + 4).filter(|at| at + size > register);
         let reaches = reaches.filter(|at| match &places {
             Some(places) => places.contains(at),
@@ -105,12 +115,14 @@ const fn interrupt(number: u16) -> u16 {
 /// The exceptions that `word` makes pending when it is written to `register`.
 fn of_word(register: u32, word: u32) -> Vec<u16> {
     let set = |bit: u32| word >> bit & 1 == 1;
+    let those_set = |bits: &[(u32, u16)]| {
+        let set = bits.iter().filter(|(bit, _)| set(*bit));
+        set.map(|(_, exception)| *exception).collect()
+    };
     match register {
-        ICSR => SYSTEM
-            .into_iter()
-            .filter(|(bit, _)| set(*bit))
-            .map(|(_, exception)| exception)
-            .collect(),
+        ICSR => those_set(&SYSTEM),
+        SHCSR => those_set(&SYSTEM_HANDLERS),
+        DEMCR => those_set(&MONITOR),
         STIR => vec![interrupt((word & 0x1ff) as u16)],
         _ => {
             let first = 8 * (register - ISPR.start);
@@ -153,6 +165,8 @@ mod tests {
         assert_eq!(stored(0xe000_ef00, 7), Some((vec![23], true)));
         assert_eq!(stored(0xe000_ed04, 1 << 28), Some((vec![14], true)));
         assert_eq!(stored(0xe000_ed04, 1 << 26), Some((vec![15], true)));
+        assert_eq!(stored(0xe000_ed24, 1 << 15), Some((vec![11], true)));
+        assert_eq!(stored(0xe000_edfc, 1 << 17), Some((vec![12], true)));
     }
 
     #[test]

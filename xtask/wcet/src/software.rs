@@ -64,6 +64,10 @@ const LOADS_OF_OTHERS: [u32; 7] = [37, 68, 75, 83, 90, 109, 137];
 /// The source of such a load.
 const ATOMIC_SOURCE: &str = "core/src/sync/atomic.rs";
 
+/// What the loop of the timer's interrupt is called, of which each turn removes a task from the queue or waits for
+/// one. No task may enter it meanwhile: the interrupt's priority is above those of the tasks that wait.
+pub const TIMER_QUEUE: &str = "timer queue, two turns for each task";
+
 /// Source of the calls of a waker's functions, whatever the name of the function that holds the call.
 const WAKE_SOURCE: &str = "core/src/task/wake.rs";
 /// Prefix of the names of the functions there.
@@ -84,14 +88,14 @@ const WAKER_FUNCTIONS: usize = 4;
 #[must_use]
 pub fn targets(image: &Image, function: u32, call: u32) -> Option<BTreeSet<u32>> {
     image.functions().find(|(_, known)| known.name == WAKE)?;
-    let mut places = image.places(call).into_iter();
+    let innermost = image.places(call).into_iter().next();
     if image.name(function) == WAKE {
         let mut taken = taken(image);
         taken
             .retain(|target| !image.name(*target).starts_with(WAKER) && runs_alone(image, *target));
         return Some(taken);
     }
-    if places.any(|place| place.file.ends_with(WAKE_SOURCE)) {
+    if innermost.is_some_and(|place| place.file.ends_with(WAKE_SOURCE)) {
         let tabled: BTreeSet<u32> = taken(image).intersection(&wakers(image)).copied().collect();
         if !tabled.is_empty() {
             return Some(tabled);
@@ -310,20 +314,27 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
         .iter()
         .flat_map(|block| &graph.blocks[*block].instructions);
     let (mut in_list, mut in_queue) = (true, true);
-    let mut located = 0;
+    let mut own = false;
     for instruction in instructions {
         let places = image.places(instruction.address);
         // What the compiler generated has no line of its own; another one may be that of the caller.
         if places.first().is_none_or(|place| place.line == 0) {
             continue;
         }
-        located += 1;
+        // What the compiler's library does for the source is the source's.
+        let mut callers = places
+            .iter()
+            .filter(|place| !place.file.starts_with("core/"));
+        own |= callers
+            .next()
+            .is_some_and(|place| LIST.is(image, &place.file) || QUEUE.is(image, &place.file));
         let within = |known: &Known| places.iter().any(|place| known.is(image, &place.file));
         in_list &= within(&LIST);
         in_queue &= within(&QUEUE);
     }
     let waiting = waiting(image);
-    if located == 0 || waiting == 0 {
+    // A loop in what the source calls, as in another timer's `set_compare`, is none of its own.
+    if !own || waiting == 0 {
         None
     } else if in_list {
         // The queue has a link for each waiting task, this one included. The search starts at
@@ -334,7 +345,7 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
         // enters the queue meanwhile. Each turn removes a task from the queue, or finds that
         // the time of the first task has just come, and then the next turn removes it. The
         // last turn, on an empty queue, leaves the loop.
-        Some(("timer queue, two turns for each task", 2 * waiting))
+        Some((TIMER_QUEUE, 2 * waiting))
     } else {
         None
     }

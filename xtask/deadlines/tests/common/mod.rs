@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 18] = [
+const CHANGED: [(&str, &str, &[Change]); 20] = [
     (
         "logs",
         "blink",
@@ -103,6 +103,32 @@ const CHANGED: [(&str, &str, &[Change]); 18] = [
             "    #[cfg(feature = \"extra\")]",
             "    #[unsafe(no_mangle)]\n    unsafe extern \"C\" fn SOFT_A() {\n        output(1);\n    }\n\n    \
              #[cfg(feature = \"extra\")]",
+        )],
+    ),
+    // The instruction that calls a supervisor, here a task.
+    (
+        "calls",
+        "blink",
+        &[
+            (
+                "output(input() >> 3);",
+                "unsafe { core::arch::asm!(\"svc 0\") };",
+            ),
+            (
+                "    #[cfg(feature = \"extra\")]",
+                "    #[task(binds = SVCall, priority = 3)]\n    fn call(_: call::Context) {\n        output(1);\n    }\n\n    \
+                 #[cfg(feature = \"extra\")]",
+            ),
+        ],
+    ),
+    // A timer that its tasks preempt.
+    (
+        "late_timer",
+        "timed",
+        &[(
+            "Mono::start(cx.core.SYST, apps::CORE_HZ);",
+            "Mono::start(cx.core.SYST, apps::CORE_HZ);\n        let mut system = cx.core.SCB;\n        \
+             unsafe { system.set_priority(cortex_m::peripheral::scb::SystemHandler::SysTick, 0xf0) };",
         )],
     ),
     (

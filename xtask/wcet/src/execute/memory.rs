@@ -280,13 +280,19 @@ impl Step<'_, '_> {
         else {
             return;
         };
-        let pends = exceptions.into_iter().map(|exception| Pend {
+        for exception in exceptions {
+            self.note_pend(exception, exact);
+        }
+    }
+
+    /// Notes that the instruction makes an exception pending.
+    pub(super) fn note_pend(&mut self, exception: u16, exact: bool) {
+        self.machine.memory.pends.insert(Pend {
             at: self.instruction.address,
             exception,
             exact,
             early: !self.state.started,
         });
-        self.machine.memory.pends.extend(pends);
     }
 
     /// Notes that a peripheral is given the address of a variable: by DMA it may write to that
@@ -294,15 +300,28 @@ impl Step<'_, '_> {
     fn lend(&mut self, address: &Value, value: &Value) {
         let inert = self.machine.part.inert;
         let is_inert = |at: u32| inert.is_some_and(|(first, last)| (first..=last).contains(&at));
-        let to_peripheral = address
-            .as_constant()
-            .is_some_and(|at| PERIPHERALS.contains(at) && !is_inert(at));
-        let Some(lent) = value.as_constant().filter(|_| to_peripheral) else {
-            return;
+        let symbols = &self.machine.symbols;
+        let few = |value: &Value| {
+            let elements = symbols.elements(value);
+            elements.or_else(|| (value.range.count() <= FEW).then(|| value.range.iter().collect()))
         };
-        let lent = match self.machine.image.variables().around(lent) {
+        let to_peripheral = few(address).is_some_and(|all| {
+            let mut all = all.into_iter();
+            all.any(|at| PERIPHERALS.contains(at) && !is_inert(at))
+        });
+        if !to_peripheral {
+            return;
+        }
+        for word in few(value).into_iter().flatten() {
+            self.lend_word(word);
+        }
+    }
+
+    /// Notes that a peripheral may be given this word, which may be the address of a variable.
+    fn lend_word(&mut self, word: u32) {
+        let lent = match self.machine.image.variables().around(word) {
             Some(variable) => variable,
-            None if self.machine.part.ram.contains(lent) => Extent::EVERYWHERE,
+            None if self.machine.part.ram.contains(word) => Extent::EVERYWHERE,
             None => return,
         };
         let memory = &mut self.machine.memory;

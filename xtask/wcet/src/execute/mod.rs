@@ -22,6 +22,7 @@ pub(crate) use executor::{Access, Effects, Executor};
 use step::Step;
 
 use super::instruction::{Instruction, SEMIHOSTING};
+use super::pend::SUPERVISOR_CALL;
 use super::state::State;
 
 impl Executor<'_> {
@@ -80,6 +81,7 @@ impl Step<'_, '_> {
             // The debugger's answer.
             Insn::Bkpt { imm: SEMIHOSTING } => self.forget(0),
             Insn::ClearExclusive => self.state.reserved = None,
+            Insn::Svc { .. } => self.note_pend(SUPERVISOR_CALL, true),
             // The other instructions move neither data nor control, or the targets do not
             // have them. Registers keep their values, or the path ends.
             _ => {}
