@@ -94,6 +94,8 @@ struct SourceLoop {
     most: Option<u64>,
     /// Lines in it on which it waits, by `.await`.
     awaits: Vec<u32>,
+    /// The first and the last lines of closures in it, which another function may run in a loop of its own.
+    closures: Vec<(u32, u32)>,
 }
 
 /// Instructions of a machine loop beside those of an `.await` that make it the loop around the `.await`, not
@@ -113,6 +115,12 @@ impl SourceLoop {
 
     fn is_loop(&self) -> bool {
         !self.statement || self.bound.is_some()
+    }
+
+    /// Whether a line is the loop's own, or a closure's in it.
+    fn is_own(&self, line: u32) -> bool {
+        let mut closures = self.closures.iter();
+        self.statement || !closures.any(|(first, last)| (first..=last).contains(&&line))
     }
 }
 
@@ -309,7 +317,71 @@ impl Annotations {
             }
             outer = graph.loops[parent].parent;
         }
-        Some((found.place, found.bound?))
+        let bound = found.bound?;
+        match &self.merged(image, graph, number)[..] {
+            [] | [_] => Some((found.place, bound)),
+            merged => {
+                // Each turn of the outer one has those of the inner one, begins it and leaves it.
+                let mut each = merged.iter().map(|bound| Some(bound.as_ref()?.most + 2));
+                let most = each.try_fold(1_u64, |all, most| all.checked_mul(most?))?;
+                Some((found.place, Turns { most, name: None }))
+            }
+        }
+    }
+
+    /// The bounds of the source loops that a machine loop is made of: the compiler may let an inner and an outer one begin
+    /// with the same instruction. Those that have a machine loop of their own are none of them.
+    fn merged(&self, image: &Image, graph: &Graph, number: usize) -> Vec<Option<Turns>> {
+        let l = &graph.loops[number];
+        let repeating: Vec<&Block> = l
+            .blocks
+            .iter()
+            .map(|block| &graph.blocks[*block])
+            .filter(|block| block.successors.contains(&l.header))
+            .collect();
+        let mut merged: Vec<(Place, Option<Turns>)> = Vec::new();
+        if repeating.len() > 1 {
+            for block in repeating {
+                // The outer one may be repeated from within the inner one, by its label.
+                let places = image.places(block.last().address);
+                let around = places.iter().map(|place| self.around(place));
+                for found in around
+                    .into_iter()
+                    .find(|all| !all.is_empty())
+                    .unwrap_or_default()
+                {
+                    if merged.iter().all(|(place, _)| *place != found.0) {
+                        merged.push(found);
+                    }
+                }
+            }
+        }
+        if merged.len() > 1 {
+            let others = (0..graph.loops.len()).filter(|other| {
+                let header = graph.loops[*other].header;
+                *other != number
+                    && (l.blocks.contains(&header)
+                        || graph.loops[*other].blocks.contains(&l.header))
+            });
+            for other in others {
+                if let Some(fit) = self.innermost(image, graph, other) {
+                    merged.retain(|(place, _)| *place != fit.place);
+                }
+            }
+        }
+        merged.into_iter().map(|(_, bound)| bound).collect()
+    }
+
+    /// The loops of the sources that hold a place, and their bounds.
+    fn around(&self, place: &Place) -> Vec<(Place, Option<Turns>)> {
+        let at = |line| Place {
+            file: place.file.clone(),
+            line,
+        };
+        self.with_file(&place.file, |loops| {
+            let around = loops.iter().filter(|s| !s.statement && s.holds(place.line));
+            around.map(|s| (at(s.first), s.bound.clone())).collect()
+        })
     }
 
     /// The source loop that a machine loop belongs to, if one is found.
@@ -342,7 +414,7 @@ impl Annotations {
         let waits = |line: u32| s.awaits.contains(&line) && beside(line) >= BESIDE_AWAIT;
         let own = places.deciding.iter().any(|inlined| {
             inlined.iter().enumerate().any(|(depth, p)| {
-                let own = depth == 0 || p.line == s.first || s.statement;
+                let own = depth == 0 && s.is_own(p.line) || p.line == s.first || s.statement;
                 let here = p.file == place.file && s.holds(p.line);
                 here && (own || waits(p.line))
             })
@@ -527,7 +599,14 @@ impl Finder {
             statement: false,
             most: None,
             awaits: Vec::new(),
+            closures: Vec::new(),
         });
+    }
+
+    /// The innermost of the loops so far that holds a line and is no statement.
+    fn around(&mut self, line: u32) -> Option<&mut SourceLoop> {
+        let mut around = self.loops.iter_mut().rev();
+        around.find(|one| !one.statement && one.holds(line))
     }
 }
 
@@ -547,12 +626,19 @@ impl<'ast> Visit<'ast> for Finder {
 
     fn visit_expr_await(&mut self, node: &'ast syn::ExprAwait) {
         let line = node.await_token.span().start().line as u32;
-        // Of the loops so far, those that hold the line and are no statements are around it.
-        let mut around = self.loops.iter_mut().rev();
-        if let Some(innermost) = around.find(|one| !one.statement && one.holds(line)) {
+        if let Some(innermost) = self.around(line) {
             innermost.awaits.push(line);
         }
         syn::visit::visit_expr_await(self, node);
+    }
+
+    fn visit_expr_closure(&mut self, node: &'ast syn::ExprClosure) {
+        let span = node.span();
+        let (first, last) = (span.start().line as u32, span.end().line as u32);
+        if let Some(innermost) = self.around(first).filter(|_| first < last) {
+            innermost.closures.push((first, last));
+        }
+        syn::visit::visit_expr_closure(self, node);
     }
 
     fn visit_expr_for_loop(&mut self, node: &'ast syn::ExprForLoop) {
@@ -594,7 +680,8 @@ mod tests {
                     bound: Some(turns(12)),
                     statement: false,
                     most: None,
-                    awaits: Vec::new()
+                    awaits: Vec::new(),
+                    closures: Vec::new()
                 },
                 SourceLoop {
                     first: 5,
@@ -602,7 +689,8 @@ mod tests {
                     bound: None,
                     statement: false,
                     most: None,
-                    awaits: Vec::new()
+                    awaits: Vec::new(),
+                    closures: Vec::new()
                 }
             ]
         );
@@ -621,7 +709,8 @@ mod tests {
                 bound: Some(turns(7)),
                 statement: true,
                 most: None,
-                awaits: Vec::new()
+                awaits: Vec::new(),
+                closures: Vec::new()
             }]
         );
         assert!(misplaced.is_empty());

@@ -11,7 +11,7 @@ pub const WORDS: usize = 64;
 pub const INPUT: u32 = 0x2000_8000;
 
 /// Names of the kernels, with their modules.
-pub const NAMES: [&str; 36] = [
+pub const NAMES: [&str; 39] = [
     "arithmetic::divide_u32",
     "arithmetic::divide_u64",
     "arithmetic::divide_i64",
@@ -43,6 +43,9 @@ pub const NAMES: [&str; 36] = [
     "control::pointer_table",
     "control::state_machine",
     "control::choices",
+    "control::merged",
+    "control::repeated_from_within",
+    "control::searches",
     "text::crc8_bits",
     "text::crc32_table",
     "text::decimal",

@@ -128,3 +128,62 @@ pub fn choices(input: &mut Input) -> u32 {
     }
     sum
 }
+
+/// Counts with accesses that the compiler keeps.
+#[inline(always)]
+fn next(input: &mut Input, at: usize) -> u32 {
+    let count = core::hint::black_box(input[at]);
+    input[at] = core::hint::black_box(count.wrapping_add(1));
+    count
+}
+
+/// Two loops that the compiler may let begin with the same instruction.
+#[inline(never)]
+pub fn merged(input: &mut Input) -> u32 {
+    let mut sum = 0u32;
+    // loop-bound: 4
+    while next(input, 0) % 4 != 3 {
+        // loop-bound: 64
+        while next(input, 1) % 64 != 63 {
+            sum = sum.wrapping_add(input[2]);
+        }
+    }
+    sum
+}
+
+/// The same, of which the inner one repeats the outer one.
+#[inline(never)]
+pub fn repeated_from_within(input: &mut Input) -> u32 {
+    let mut sum = 0u32;
+    // loop-bound: 4
+    'outer: loop {
+        // loop-bound: 64
+        loop {
+            let count = next(input, 1);
+            if count % 64 != 63 {
+                sum = sum.wrapping_add(count);
+                continue;
+            }
+            if next(input, 0) % 4 == 3 {
+                return sum;
+            }
+            continue 'outer;
+        }
+    }
+}
+
+/// A search in a loop, whose closure has lines of its own.
+#[inline(never)]
+pub fn searches(input: &mut Input) -> u32 {
+    let mut found = 0u32;
+    // loop-bound: 4
+    while next(input, 0) % 4 != 3 {
+        let least = input[1] >> 4;
+        let place = input.iter().position(|word| {
+            let high = core::hint::black_box(*word) >> 4;
+            high < least
+        });
+        found = found.wrapping_add(place.unwrap_or(64) as u32);
+    }
+    found
+}

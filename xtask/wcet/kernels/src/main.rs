@@ -31,7 +31,7 @@ pub type Kernel = fn(&mut Input) -> u32;
 
 /// Every kernel. The table makes the linker keep them.
 #[used]
-pub static KERNELS: [Kernel; 36] = [
+pub static KERNELS: [Kernel; 39] = [
     arithmetic::divide_u32,
     arithmetic::divide_u64,
     arithmetic::divide_i64,
@@ -63,6 +63,9 @@ pub static KERNELS: [Kernel; 36] = [
     control::pointer_table,
     control::state_machine,
     control::choices,
+    control::merged,
+    control::repeated_from_within,
+    control::searches,
     text::crc8_bits,
     text::crc32_table,
     text::decimal,

@@ -166,7 +166,8 @@ impl Run<'_, '_> {
         self.facts.add_turns(id, turns);
         // Behind a bound that is too low nothing is followed, and nothing counts. A length that is given may rule paths
         // out that are not known to be impossible otherwise.
-        let is_short = |given: &Given| given.annotated && self.kind != Entry::Fault;
+        let copies = runtime::length_register(self.program.image, graph.entry).is_some();
+        let is_short = |given: &Given| given.annotated && !copies && self.kind != Entry::Fault;
         if let Some(given) = given.filter(|given| all.is_empty() && is_short(given)) {
             let at = self.place_of_loop(graph, number);
             let turns = given.turns;
