@@ -11,6 +11,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use schedulability::execution::Execution;
 use schedulability::node::Observed;
 use schedulability::report::{application, explain_as_flashed};
+use schedulability::table::OutOfRange;
 use wcet::image::Image;
 
 use crate::analysis::{self, Answer};
@@ -268,8 +269,20 @@ impl Tables {
 }
 
 /// The bytes that the image leaves for its stack.
-fn stack(table: &Table, image: &Image, part: &PartFile) -> Result<u32, Error> {
+fn stack(tables: &Tables, image: &Image) -> Result<u32, Error> {
+    let Tables {
+        table, file, part, ..
+    } = tables;
     if let Some(bytes) = table.stack_bytes {
+        let areas = part.ram.areas.iter();
+        let most = areas
+            .map(|(first, last)| u64::from(last - first) + 1)
+            .sum::<u64>();
+        let checked = OutOfRange::check("stack_bytes", bytes.into(), 1, most);
+        checked.map_err(|number| {
+            let title = &part.title;
+            Error::input(format!("{file}: {number} for the {title}, by its RAM"))
+        })?;
         return Ok(bytes);
     }
     let unknown = || {
@@ -313,7 +326,7 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
     let (path, image) = of.image(&binary)?;
     source.app.drop_absent(&image);
     tables.table = model::with_comments(&source, &tables.table, &tables.file)?;
-    let stack = stack(&tables.table, &image, &tables.part)?;
+    let stack = stack(&tables, &image)?;
     let file = &tables.file;
     let model = model::build(&binary.name, &source, &tables.table, &part, stack, file)?;
     Ok(Prepared {

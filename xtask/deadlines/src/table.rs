@@ -107,7 +107,7 @@ impl Table {
         })?;
         for (task, row) in &table.task {
             row.check()
-                .map_err(|what| Error::input(format!("{file}: task {task} has {what}")))?;
+                .map_err(|what| Error::input(format!("{file}: task {task} {what}")))?;
         }
         for (place, bound) in &table.bounds {
             let wrong = |what| Error::input(format!("{file}: the bound of {place} has {what}"));
@@ -143,10 +143,13 @@ fn question(text: &str) -> Option<String> {
 }
 
 impl Row {
-    /// Checks that its numbers are in range.
-    fn check(&self) -> Result<(), String> {
+    /// Checks its numbers and its bounds; the error ends a sentence that begins with the task.
+    ///
+    /// # Errors
+    /// A number is out of range, or `pended_by` says of one who pends what does not go with it.
+    pub(crate) fn check(&self) -> Result<(), String> {
         let accept = |key, value, least, most| {
-            OutOfRange::check(key, value, least, most).map_err(|number| number.to_string())
+            OutOfRange::check(key, value, least, most).map_err(|number| format!("has {number}"))
         };
         let bounded = self.pended_by.values().filter_map(|how| match how {
             PendedBy::Bounded(bounded) => Some(bounded),
@@ -172,12 +175,12 @@ impl Row {
                 accept(key, value, 1, LONGEST_US)?;
             }
         }
+        for (pender, how) in &self.pended_by {
+            how.check(pender).map_err(|fault| fault.to_string())?;
+        }
         for bounded in bounded {
-            if bounded.because.trim().is_empty() {
-                return Err("a `pended_by` whose `because` gives no reason".to_owned());
-            }
             if !bounded.every.as_slice().is_empty() {
-                return Err("`every` under `pended_by`: `every_us` is accepted".to_owned());
+                return Err("has `every` under `pended_by`: `every_us` is accepted".to_owned());
             }
         }
         Ok(())
@@ -231,8 +234,18 @@ mod tests {
         );
         assert_eq!(
             error("[task.a]\npended_by.b = { every_us = 1, because = \" \" }\n"),
-            "deadlines.toml: task a has a `pended_by` whose `because` gives no reason"
+            "deadlines.toml: task a is pended by b, but `because` gives no reason"
         );
+        for (pender, run) in [("b", "once"), ("init", "each"), ("idle", "once")] {
+            let text = format!("[task.a]\npended_by.{pender} = \"{run}\"\n");
+            assert_eq!(
+                error(&text),
+                format!(
+                    "deadlines.toml: task a is pended by {pender} \"{run}\", but \"each\" is for other tasks and \
+                     \"once\" for init: write {{ every_us = N, because = \"...\" }}"
+                )
+            );
+        }
         assert_eq!(
             error("[bounds]\n\"a.rs:1\" = { turns = 1, because = \"\" }\n"),
             "deadlines.toml: the bound of a.rs:1 has a `because` that gives no reason"

@@ -1112,7 +1112,10 @@ impl PendedBy {
     }
 
     /// Checks what the table says of `pender`.
-    fn check(&self, pender: &str) -> Result<(), TaskFault> {
+    ///
+    /// # Errors
+    /// `pender` runs more than once or has no jobs, or the bound has no reason.
+    pub fn check(&self, pender: &str) -> Result<(), TaskFault> {
         let wrong = |run| Err(TaskFault::Run(pender.to_owned(), run));
         match self {
             Self::Run(Run::Each) if [INIT, IDLE].contains(&pender) => wrong("each"),
