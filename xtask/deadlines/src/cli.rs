@@ -7,11 +7,11 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-#[cfg(feature = "emulator")]
-use schedulability::execution::Execution;
+use schedulability::execution::{Execution, ExecutionError};
 use schedulability::node::Observed;
 use schedulability::report::{application, explain_as_flashed};
 use schedulability::table::OutOfRange;
+use wcet::annotation::Annotations;
 use wcet::image::Image;
 
 use crate::analysis::{self, Answer};
@@ -529,26 +529,44 @@ fn first_table(
         core_hz: looked.reset_hz,
         ..Clocks::default()
     })?;
-    let handlers: Handlers = foreign(source, image)
-        .into_iter()
-        .map(|name| (name, source.monotonic_priority(on.priorities())))
-        .collect();
-    let row = Row {
-        every_us: vec![1_000_000],
-        deadline_us: Some(1_000_000),
-        ..Row::default()
+    let handlers = foreign(source, image);
+    let mut table = trial_table(source, &handlers);
+    let folder = &binary.root;
+    let trial = |table: &Table| -> Result<_, Error> {
+        let model = model::build(&binary.name, source, table, &on, 1, "the table")?;
+        let annotations = Annotations::new(folder);
+        let execution = Execution::of(&model.node, &model.table, image, &annotations, &progress);
+        Ok((model, execution))
     };
-    let tasks = source.app.tasks.iter().map(|task| &task.name);
-    let table = Table {
-        task: tasks
-            .chain(handlers.keys())
-            .map(|name| (name.clone(), row.clone()))
-            .collect(),
-        ..Table::default()
-    };
-    let model = model::build(&binary.name, source, &table, &on, 1, "the table")?;
+    let (mut model, mut execution) = trial(&table)?;
+    // The image says which priority a handler has. Each turn corrects one of them.
+    for _ in &handlers {
+        let Err(ExecutionError::Priority {
+            task,
+            given: Some(given),
+            ..
+        }) = &execution
+        else {
+            break;
+        };
+        match table.task.get_mut(task).filter(|_| handlers.contains(task)) {
+            Some(row) => row.priority = Some(*given),
+            None => break,
+        }
+        (model, execution) = trial(&table)?;
+    }
     // A program that the analysis refuses is still worth a table: the analysis itself says why.
-    let execution = analysis::execution(&model, image, &binary.root, "the table", &progress).ok();
+    let execution = execution.ok();
+    let is_known = part.is_some() && execution.is_some();
+    let priority = |name: &String| {
+        let row = table.task.get(name)?;
+        let usual = source.monotonic_priority(on.priorities());
+        is_known.then(|| row.priority.unwrap_or(usual))
+    };
+    let handlers: Handlers = handlers
+        .iter()
+        .map(|name| (name.clone(), priority(name)))
+        .collect();
     let on_part = OnPart {
         name: of.part.as_deref(),
         file: part,
@@ -561,6 +579,23 @@ fn first_table(
         execution.as_ref(),
         &on_part,
     ))
+}
+
+/// A table in which each task and each of these handlers has a row.
+fn trial_table(source: &Source, handlers: &[String]) -> Table {
+    let row = Row {
+        every_us: vec![1_000_000],
+        deadline_us: Some(1_000_000),
+        ..Row::default()
+    };
+    let tasks = source.app.tasks.iter().map(|task| &task.name);
+    let rows = tasks
+        .chain(handlers)
+        .map(|name| (name.clone(), row.clone()));
+    Table {
+        task: rows.collect(),
+        ..Table::default()
+    }
 }
 
 /// The handlers of interrupts in the image that are neither a task's nor a dispatcher's nor the default one.

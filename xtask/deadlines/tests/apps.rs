@@ -37,6 +37,7 @@ fn each_shape_of_an_application_has_its_report() {
         ("menu", Target::V6),
         ("compare", Target::V7),
         ("masks", Target::V6),
+        ("pump", Target::V7),
     ] {
         let part: &[&str] = match (name, target) {
             ("blink", Target::V6) => &["--part", "stm32f0", "--core-hz", "48000000"],
@@ -503,6 +504,8 @@ fn a_first_table_asks_for_what_cannot_be_found() {
         ),
         ("timed", &[]),
         ("compare", &[]),
+        ("pump", &["--part", "stm32f411", "--core-hz", "16000000"]),
+        ("shared", &["--part", "stm32f411", "--core-hz", "16000000"]),
     ] {
         let path = package().join(format!("first-{name}.toml"));
         let _ = fs::remove_file(&path);
@@ -536,6 +539,100 @@ fn a_first_table_asks_for_what_cannot_be_found() {
         let said = deadlines(name, Target::V7, &["--table", &file]);
         assert_eq!(said.code, 2);
         assert!(said.error.contains(" is still a question: "), "{said:?}");
+    }
+}
+
+/// With each question answered, the first table is accepted: it has who pends whom, and the timer's priority.
+#[test]
+fn a_first_table_with_its_answers_is_accepted() {
+    for name in ["pump", "shared"] {
+        let path = package().join(format!("answered-{name}.toml"));
+        let _ = fs::remove_file(&path);
+        let file = path.display().to_string();
+        let part = ["--part", "stm32f411", "--core-hz", "16000000"];
+        let said = deadlines(
+            name,
+            Target::V7,
+            &[&["init", "--table", &file], &part[..]].concat(),
+        );
+        assert_eq!(said.code, 0, "{said:?}");
+        let mut text = fs::read_to_string(&path).unwrap();
+        for (key, answer) in [
+            ("every_us", "8000"),
+            ("deadline_us", "7000"),
+            ("pended_by.filter", "\"each\""),
+        ] {
+            text = text.replace(&format!("{key} = \"?\""), &format!("{key} = {answer}"));
+        }
+        text = text.replace("# bus_hz = 42_000_000", "bus_hz = 16_000_000");
+        fs::write(&path, text).unwrap();
+        let said = deadlines(name, Target::V7, &["--table", &file]);
+        assert_eq!(said.code, 0, "{said:?}");
+    }
+}
+
+/// The table of the README is that of `pump`, whose report has its snapshot.
+#[test]
+fn the_readme_has_a_complete_table() {
+    let readme = include_str!("../README.md");
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    assert!(readme.contains(&format!("```toml\n{pump}```\n")));
+}
+
+/// SysTick of rtic-monotonics has no priority of its own, so it keeps the highest.
+#[test]
+fn the_refusal_of_a_priority_names_the_line_to_write() {
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    for given in ["", "priority = 2\n"] {
+        let text = pump.replace("priority = 16\n", given);
+        fs::write(package().join("low.toml"), text).unwrap();
+        let said = deadlines("pump", Target::V7, &["--table", "low.toml"]);
+        assert_eq!(
+            (said.code, said.error.as_str()),
+            (
+                2,
+                "task SysTick of pump has priority 2, but the image gives SysTick priority 16: write `priority = 16` under \
+                 [task.SysTick]"
+            )
+        );
+    }
+}
+
+/// A table that names one of two tasks of a dispatcher is not accepted for both.
+#[test]
+fn each_task_of_a_dispatcher_is_asked_who_pends() {
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    let alone = "[task.heartbeat]\nevery_us = 250_000\ndeadline_us = 50_000\n";
+    let said = |text: &str| {
+        fs::write(package().join("shared.toml"), text).unwrap();
+        deadlines("shared", Target::V7, &["--table", "shared.toml"])
+    };
+    let first = said(&format!("{pump}\n{alone}"));
+    assert_eq!(first.code, 2, "{first:?}");
+    assert!(
+        first.error.contains(" shares its handler with ") && first.error.contains("heartbeat"),
+        "{first:?}"
+    );
+    let tick = pump.replace(
+        "pended_by.display = \"each\"",
+        "pended_by.heartbeat = \"each\"\npended_by.display = \"each\"",
+    );
+    let all = format!("{tick}\n{alone}after = \"SysTick\"\npended_by.init = \"once\"\n");
+    assert_eq!(said(&all).code, 0, "{:?}", said(&all));
+    for line in [
+        "pended_by.heartbeat = \"each\"\n",
+        "after = \"SysTick\"\n",
+        "pended_by.init = \"once\"\n",
+    ] {
+        let at = all.rfind(line).unwrap();
+        let without = format!("{}{}", &all[..at], &all[at + line.len()..]);
+        let said = said(&without);
+        assert!(
+            said.code == 2
+                && said.error.contains("heartbeat")
+                && said.error.contains(" shares its handler with display"),
+            "{line}: {said:?}"
+        );
     }
 }
 

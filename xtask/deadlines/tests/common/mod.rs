@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 20] = [
+const CHANGED: [(&str, &str, &[Change]); 21] = [
     (
         "logs",
         "blink",
@@ -146,6 +146,24 @@ const CHANGED: [(&str, &str, &[Change]); 20] = [
             "output(input() >> 3);",
             "cortex_m::peripheral::NVIC::mask(Interrupt::TIM_A);",
         )],
+    ),
+    // Two tasks on one dispatcher.
+    (
+        "shared",
+        "pump",
+        &[
+            (
+                "let _ = display::spawn();",
+                "let _ = display::spawn();\n        let _ = heartbeat::spawn();",
+            ),
+            (
+                "    /// Shows the level.",
+                "    #[task(priority = 1)]\n    async fn heartbeat(_: heartbeat::Context) {\n        \
+                 // loop-bound: 1. Each turn ends in a delay.\n        loop {\n            \
+                 output(1);\n            Mono::delay(250.millis()).await;\n        }\n    }\n\n    \
+                 /// Shows the level.",
+            ),
+        ],
     ),
     (
         "longer",
