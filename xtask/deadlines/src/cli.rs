@@ -206,6 +206,16 @@ impl Of {
             None => binary.build(&self.choice())?,
         };
         let image = Image::read(&path).map_err(Error::input)?;
+        let has_lines = image
+            .functions()
+            .any(|(at, _)| !image.places(at).is_empty());
+        if !has_lines {
+            return Err(Error::input(format!(
+                "the image {} is stripped: its symbols and line tables say where tasks, loops and locks are, so leave \
+                 out `strip` and set `debug = 2` in its profile",
+                path.display()
+            )));
+        }
         Ok((path, image.relative_to(&binary.root)))
     }
 
@@ -326,6 +336,7 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
     let (path, image) = of.image(&binary)?;
     source.app.drop_absent(&image);
     tables.table = model::with_comments(&source, &tables.table, &tables.file)?;
+    check_rows(&tables, &source, &image)?;
     let stack = stack(&tables, &image)?;
     let file = &tables.file;
     let model = model::build(&binary.name, &source, &tables.table, &part, stack, file)?;
@@ -455,16 +466,21 @@ fn print(
         write(path, &application::html(node, &answer.assumptions))?;
     }
     let findings = || report::findings(answer, losses, &in_repository(binary, &answer.source));
+    // The last line of the tables agrees with the exit code.
+    let text = || {
+        let lost = losses
+            .iter()
+            .map(|(_, what)| format!("slack is lost: {what}\n"));
+        application::text(node, &answer.assumptions) + &lost.collect::<String>()
+    };
     let explained = show.explain.as_ref();
     let explained = explained.and_then(|name| node.tasks.iter().find(|one| one.name == *name));
     say(&match (show.json, explained, show.format) {
         (true, ..) => format!("{:#}\n", report::json(answer)),
         (false, Some(task), _) => explain_as_flashed(node, task),
         (false, None, Format::Sarif) => format!("{:#}\n", report::sarif(&findings())),
-        (false, None, Format::Github) => {
-            application::text(node, &answer.assumptions) + &report::github(&findings())
-        }
-        (false, None, Format::Text) => application::text(node, &answer.assumptions),
+        (false, None, Format::Github) => text() + &report::github(&findings()),
+        (false, None, Format::Text) => text(),
     })?;
     let loss = losses.first().map(|(_, what)| what.clone());
     match answer
@@ -596,6 +612,39 @@ fn trial_table(source: &Source, handlers: &[String]) -> Table {
         task: rows.collect(),
         ..Table::default()
     }
+}
+
+/// Checks that each row is of a task, or of a handler in the image.
+fn check_rows(tables: &Tables, source: &Source, image: &Image) -> Result<(), Error> {
+    let tasks = source.app.tasks.iter().map(|task| task.name.as_str());
+    let tasks: Vec<&str> = tasks
+        .chain(source.in_idle.iter().map(String::as_str))
+        .collect();
+    let vectors = image.vectors();
+    let is_handler = |name: &str| {
+        let at = image.symbol(name);
+        at.is_some_and(|at| vectors.values().any(|entry| *entry == at))
+    };
+    let mut rows = tables.table.task.keys();
+    let surplus = rows.find(|name| !tasks.contains(&name.as_str()) && !is_handler(name));
+    let Some(surplus) = surplus else {
+        return Ok(());
+    };
+    let handlers = foreign(source, image);
+    let handlers = if handlers.is_empty() {
+        String::new()
+    } else {
+        format!(
+            ", and the other handlers of the image {}",
+            handlers.join(", ")
+        )
+    };
+    Err(Error::input(format!(
+        "{}: [task.{surplus}] is a row of no task: the tasks of {} are {}{handlers}",
+        tables.file,
+        source.shown,
+        tasks.join(", ")
+    )))
 }
 
 /// The handlers of interrupts in the image that are neither a task's nor a dispatcher's nor the default one.

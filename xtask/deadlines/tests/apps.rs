@@ -434,7 +434,7 @@ const WRONG: &[(&str, &str, &str)] = &[
     (
         "[task.watch]",
         "[task.none]\nevery_us = 1000\ndeadline_us = 1000\n[task.watch]",
-        "the image of blink has no handler none: is it built from this source?",
+        "broken.toml: [task.none] is a row of no task: the tasks of src/bin/blink.rs are sample, watch, report",
     ),
     (
         "every_us = 500",
@@ -636,6 +636,36 @@ fn each_task_of_a_dispatcher_is_asked_who_pends() {
     }
 }
 
+/// A symbol table and line tables are needed; the command's own builds keep them whatever the profile says.
+#[test]
+fn a_stripped_image_is_told() {
+    let path = package().join("stripped.elf");
+    let file = path.display().to_string();
+    let table = table("blink").display().to_string();
+    let image = fs::read(common::image("blink", Target::V7)).unwrap();
+    for section in [&b".debug_line"[..], b".symtab"] {
+        // Under another name no reader finds the section.
+        let at = image
+            .windows(section.len())
+            .rposition(|bytes| bytes == section);
+        let mut image = image.clone();
+        image[at.unwrap() + 1] = b'x';
+        if section == b".symtab" {
+            // The symbols are found by the type of their section, so all headers go.
+            image[0x20..0x24].fill(0);
+            image[0x30..0x34].fill(0);
+        }
+        fs::write(&path, image).unwrap();
+        let said = run(&["--bin", "blink", "--image", &file, "--table", &table]);
+        assert_eq!(said.code, 2, "{said:?}");
+        assert!(
+            said.error
+                .starts_with(&format!("the image {file} is stripped: ")),
+            "{said:?}"
+        );
+    }
+}
+
 /// Built by the command itself, with the project's own settings; a feature adds a task.
 #[test]
 fn the_command_builds_the_project() {
@@ -655,6 +685,18 @@ fn the_command_builds_the_project() {
     assert_eq!(said.code, 2);
     assert!(
         said.error.starts_with("there is no bin none: there are "),
+        "{said:?}"
+    );
+    let said = run(&["--package", "none"]);
+    assert_eq!(
+        (said.code, said.error.as_str()),
+        (2, "there is no package none: there are apps")
+    );
+    let said = run(&["--example", "none"]);
+    assert_eq!(said.code, 2);
+    assert!(
+        said.error
+            .starts_with("there is no example none: the package has none, but by --bin: "),
         "{said:?}"
     );
     let said = run(&[]);
@@ -706,6 +748,11 @@ fn a_lost_slack_fails_against_the_baseline() {
         "{said:?}"
     );
     let annotation = said.out.lines().last().unwrap();
+    assert!(
+        said.out
+            .contains("\nschedulable: every deadline holds\nslack is lost: watch had "),
+        "{said:?}"
+    );
     assert!(
         annotation.contains("src/bin/blink.rs,line=39,title=cargo deadlines: slack::watch had "),
         "{annotation}"

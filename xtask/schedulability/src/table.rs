@@ -617,7 +617,7 @@ pub const BUS_OFF_BITS: u64 = 128 * 11;
 
 /// One value or a list.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "one value or a list of them is accepted")]
 pub enum Several<T> {
     /// One.
     One(T),

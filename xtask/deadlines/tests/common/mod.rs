@@ -258,6 +258,7 @@ pub(crate) fn package() -> &'static Path {
             let status = cargo()
                 .current_dir(&package)
                 .args(["build", "--quiet", "--release", "--bins"])
+                .env("CARGO_PROFILE_RELEASE_STRIP", "none")
                 .args(["--features", target.feature()])
                 .args(["--target", target.triple()])
                 .status()
@@ -321,14 +322,15 @@ pub(crate) struct Said {
     pub(crate) error: String,
 }
 
+/// The image of an application.
+pub(crate) fn image(name: &str, target: Target) -> PathBuf {
+    let target = package().join("target").join(target.triple());
+    target.join("release").join(name)
+}
+
 /// Runs the command on an application, built already, with further arguments.
 pub(crate) fn deadlines(name: &str, target: Target, more: &[&str]) -> Said {
-    let image = package()
-        .join("target")
-        .join(target.triple())
-        .join("release")
-        .join(name);
-    let image = image.display().to_string();
+    let image = image(name, target).display().to_string();
     let mut arguments = vec!["--bin", name, "--image", &image];
     // Those of a subcommand follow it.
     let (command, more) = match more.first() {
