@@ -6,10 +6,10 @@ use std::ops::Range;
 fn accepted(key: &str, in_burst: bool) -> Option<&'static str> {
     Some(match key {
         "part" => "a name in quotes that `cargo deadlines parts` lists, or that of a TOML file,",
-        "core_hz" | "bus_hz" | "fast_bus_hz" => "a whole number of Hz above 0",
-        "flash_waits" => "a whole number of wait states",
+        "core_hz" | "bus_hz" | "fast_bus_hz" => "a whole number of Hz from 1 to 4294967295",
+        "flash_waits" => "a whole number of wait states from 0 to 255",
         "flash_accelerator" => "true or false",
-        "stack_bytes" => "a whole number of bytes above 0",
+        "stack_bytes" => "a whole number of bytes from 1 to those of the RAM",
         "every_us" if !in_burst => {
             "a whole number of microseconds from 1 to 3600000000, or a list of them,"
         }
@@ -109,7 +109,7 @@ mod tests {
         let said = Table::parse("core_hz = -1\n", "deadlines.toml").unwrap_err();
         assert_eq!(
             said.to_string(),
-            "deadlines.toml:1: `core_hz` is -1: a whole number of Hz above 0 is accepted"
+            "deadlines.toml:1: `core_hz` is -1: a whole number of Hz from 1 to 4294967295 is accepted"
         );
         // What is no matter of a type is said as the parser says it.
         let said = Table::parse("core_hz =\n", "deadlines.toml").unwrap_err();
