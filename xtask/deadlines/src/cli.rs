@@ -7,10 +7,11 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-#[cfg(feature = "emulator")]
-use schedulability::execution::Execution;
+use schedulability::execution::{Execution, ExecutionError};
 use schedulability::node::Observed;
 use schedulability::report::{application, explain_as_flashed};
+use schedulability::table::OutOfRange;
+use wcet::annotation::Annotations;
 use wcet::image::Image;
 
 use crate::analysis::{self, Answer};
@@ -205,6 +206,16 @@ impl Of {
             None => binary.build(&self.choice())?,
         };
         let image = Image::read(&path).map_err(Error::input)?;
+        let has_lines = image
+            .functions()
+            .any(|(at, _)| !image.places(at).is_empty());
+        if !has_lines {
+            return Err(Error::input(format!(
+                "the image {} is stripped: its symbols and line tables say where tasks, loops and locks are, so leave \
+                 out `strip` and set `debug = 2` in its profile",
+                path.display()
+            )));
+        }
         Ok((path, image.relative_to(&binary.root)))
     }
 
@@ -268,8 +279,20 @@ impl Tables {
 }
 
 /// The bytes that the image leaves for its stack.
-fn stack(table: &Table, image: &Image, part: &PartFile) -> Result<u32, Error> {
+fn stack(tables: &Tables, image: &Image) -> Result<u32, Error> {
+    let Tables {
+        table, file, part, ..
+    } = tables;
     if let Some(bytes) = table.stack_bytes {
+        let areas = part.ram.areas.iter();
+        let most = areas
+            .map(|(first, last)| u64::from(last - first) + 1)
+            .sum::<u64>();
+        let checked = OutOfRange::check("stack_bytes", bytes.into(), 1, most);
+        checked.map_err(|number| {
+            let title = &part.title;
+            Error::input(format!("{file}: {number} for the {title}, by its RAM"))
+        })?;
         return Ok(bytes);
     }
     let unknown = || {
@@ -313,7 +336,8 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
     let (path, image) = of.image(&binary)?;
     source.app.drop_absent(&image);
     tables.table = model::with_comments(&source, &tables.table, &tables.file)?;
-    let stack = stack(&tables.table, &image, &tables.part)?;
+    check_rows(&tables, &source, &image)?;
+    let stack = stack(&tables, &image)?;
     let file = &tables.file;
     let model = model::build(&binary.name, &source, &tables.table, &part, stack, file)?;
     Ok(Prepared {
@@ -442,16 +466,21 @@ fn print(
         write(path, &application::html(node, &answer.assumptions))?;
     }
     let findings = || report::findings(answer, losses, &in_repository(binary, &answer.source));
+    // The last line of the tables agrees with the exit code.
+    let text = || {
+        let lost = losses
+            .iter()
+            .map(|(_, what)| format!("slack is lost: {what}\n"));
+        application::text(node, &answer.assumptions) + &lost.collect::<String>()
+    };
     let explained = show.explain.as_ref();
     let explained = explained.and_then(|name| node.tasks.iter().find(|one| one.name == *name));
     say(&match (show.json, explained, show.format) {
         (true, ..) => format!("{:#}\n", report::json(answer)),
         (false, Some(task), _) => explain_as_flashed(node, task),
         (false, None, Format::Sarif) => format!("{:#}\n", report::sarif(&findings())),
-        (false, None, Format::Github) => {
-            application::text(node, &answer.assumptions) + &report::github(&findings())
-        }
-        (false, None, Format::Text) => application::text(node, &answer.assumptions),
+        (false, None, Format::Github) => text() + &report::github(&findings()),
+        (false, None, Format::Text) => text(),
     })?;
     let loss = losses.first().map(|(_, what)| what.clone());
     match answer
@@ -516,26 +545,44 @@ fn first_table(
         core_hz: looked.reset_hz,
         ..Clocks::default()
     })?;
-    let handlers: Handlers = foreign(source, image)
-        .into_iter()
-        .map(|name| (name, source.monotonic_priority(on.priorities())))
-        .collect();
-    let row = Row {
-        every_us: vec![1_000_000],
-        deadline_us: Some(1_000_000),
-        ..Row::default()
+    let handlers = foreign(source, image);
+    let mut table = trial_table(source, &handlers);
+    let folder = &binary.root;
+    let trial = |table: &Table| -> Result<_, Error> {
+        let model = model::build(&binary.name, source, table, &on, 1, "the table")?;
+        let annotations = Annotations::new(folder);
+        let execution = Execution::of(&model.node, &model.table, image, &annotations, &progress);
+        Ok((model, execution))
     };
-    let tasks = source.app.tasks.iter().map(|task| &task.name);
-    let table = Table {
-        task: tasks
-            .chain(handlers.keys())
-            .map(|name| (name.clone(), row.clone()))
-            .collect(),
-        ..Table::default()
-    };
-    let model = model::build(&binary.name, source, &table, &on, 1, "the table")?;
+    let (mut model, mut execution) = trial(&table)?;
+    // The image says which priority a handler has. Each turn corrects one of them.
+    for _ in &handlers {
+        let Err(ExecutionError::Priority {
+            task,
+            given: Some(given),
+            ..
+        }) = &execution
+        else {
+            break;
+        };
+        match table.task.get_mut(task).filter(|_| handlers.contains(task)) {
+            Some(row) => row.priority = Some(*given),
+            None => break,
+        }
+        (model, execution) = trial(&table)?;
+    }
     // A program that the analysis refuses is still worth a table: the analysis itself says why.
-    let execution = analysis::execution(&model, image, &binary.root, "the table", &progress).ok();
+    let execution = execution.ok();
+    let is_known = part.is_some() && execution.is_some();
+    let priority = |name: &String| {
+        let row = table.task.get(name)?;
+        let usual = source.monotonic_priority(on.priorities());
+        is_known.then(|| row.priority.unwrap_or(usual))
+    };
+    let handlers: Handlers = handlers
+        .iter()
+        .map(|name| (name.clone(), priority(name)))
+        .collect();
     let on_part = OnPart {
         name: of.part.as_deref(),
         file: part,
@@ -548,6 +595,56 @@ fn first_table(
         execution.as_ref(),
         &on_part,
     ))
+}
+
+/// A table in which each task and each of these handlers has a row.
+fn trial_table(source: &Source, handlers: &[String]) -> Table {
+    let row = Row {
+        every_us: vec![1_000_000],
+        deadline_us: Some(1_000_000),
+        ..Row::default()
+    };
+    let tasks = source.app.tasks.iter().map(|task| &task.name);
+    let rows = tasks
+        .chain(handlers)
+        .map(|name| (name.clone(), row.clone()));
+    Table {
+        task: rows.collect(),
+        ..Table::default()
+    }
+}
+
+/// Checks that each row is of a task, or of a handler in the image.
+fn check_rows(tables: &Tables, source: &Source, image: &Image) -> Result<(), Error> {
+    let tasks = source.app.tasks.iter().map(|task| task.name.as_str());
+    let tasks: Vec<&str> = tasks
+        .chain(source.in_idle.iter().map(String::as_str))
+        .collect();
+    let vectors = image.vectors();
+    let is_handler = |name: &str| {
+        let at = image.symbol(name);
+        at.is_some_and(|at| vectors.values().any(|entry| *entry == at))
+    };
+    let mut rows = tables.table.task.keys();
+    let surplus = rows.find(|name| !tasks.contains(&name.as_str()) && !is_handler(name));
+    let Some(surplus) = surplus else {
+        return Ok(());
+    };
+    let handlers = foreign(source, image);
+    let handlers = if handlers.is_empty() {
+        String::new()
+    } else {
+        format!(
+            ", and the other handlers of the image {}",
+            handlers.join(", ")
+        )
+    };
+    Err(Error::input(format!(
+        "{}: [task.{surplus}] is a row of no task: the tasks of {} are {}{handlers}",
+        tables.file,
+        source.shown,
+        tasks.join(", ")
+    )))
 }
 
 /// The handlers of interrupts in the image that are neither a task's nor a dispatcher's nor the default one.

@@ -24,7 +24,7 @@ const MARK: &str = "deadline:";
 /// The comment among the attributes of a task's function, if there is one.
 ///
 /// # Errors
-/// It is not understood, or there are two.
+/// It is not understood, a number is out of range, or there are two.
 pub fn of(attributes: &[syn::Attribute], file: &str, task: &str) -> Result<Option<Comment>, Error> {
     let mut found: Option<Comment> = None;
     for attribute in attributes {
@@ -40,8 +40,9 @@ pub fn of(attributes: &[syn::Attribute], file: &str, task: &str) -> Result<Optio
                 "{place}: task {task} has a second `deadline:` comment"
             )));
         }
-        let row =
-            row(clauses).map_err(|what| Error::input(format!("{place}: task {task}: {what}")))?;
+        let wrong = |what| Error::input(format!("{place}: task {task}{what}"));
+        let row = row(clauses).map_err(|what| wrong(format!(": {what}")))?;
+        row.check().map_err(|what| wrong(format!(" {what}")))?;
         found = Some(Comment { place, row });
     }
     Ok(found)
@@ -63,6 +64,7 @@ pub(crate) fn text(attribute: &syn::Attribute, key: &str) -> Option<String> {
 
 fn row(clauses: &str) -> Result<Row, String> {
     let mut row = Row::default();
+    let mut jitter = None;
     for clause in clauses.trim().trim_end_matches('.').split(',') {
         let words: Vec<&str> = clause.split_whitespace().collect();
         match words.as_slice() {
@@ -70,9 +72,11 @@ fn row(clauses: &str) -> Result<Row, String> {
             ["within", number, unit] if row.deadline_us.is_none() => {
                 row.deadline_us = Some(time(number, unit)?);
             }
-            ["jitter", number, unit] => row.jitter_us = time(number, unit)?,
-            ["apart", number, unit] => row.apart_us = Some(time(number, unit)?),
-            ["after", task] => row.after = Some((*task).to_owned()),
+            ["jitter", number, unit] if jitter.is_none() => jitter = Some(time(number, unit)?),
+            ["apart", number, unit] if row.apart_us.is_none() => {
+                row.apart_us = Some(time(number, unit)?);
+            }
+            ["after", task] if row.after.is_none() => row.after = Some((*task).to_owned()),
             [
                 "burst",
                 jobs,
@@ -82,7 +86,7 @@ fn row(clauses: &str) -> Result<Row, String> {
                 "every",
                 every,
                 every_unit,
-            ] => {
+            ] if row.burst.is_none() => {
                 row.burst = Some(Burst {
                     jobs: jobs.parse().map_err(|_| not_understood(clause))?,
                     apart_us: time(apart, apart_unit)?,
@@ -92,13 +96,15 @@ fn row(clauses: &str) -> Result<Row, String> {
             _ => return Err(not_understood(clause)),
         }
     }
+    row.jitter_us = jitter.unwrap_or(0);
     Ok(row)
 }
 
 fn not_understood(clause: &str) -> String {
     format!(
         "`{}` is not understood: accepted are `every T`, `within T`, `jitter T`, `apart T`, `after TASK` and \
-         `burst N apart T every T`, where T is a number and us, ms or s",
+         `burst N apart T every T`, where T is a number and us, ms or s; each but `every T` \
+         once",
         clause.trim()
     )
 }
@@ -128,7 +134,7 @@ fn time(number: &str, unit: &str) -> Result<u64, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{row, time};
+    use super::{of, row, time};
 
     #[test]
     fn times_have_units() {
@@ -166,6 +172,77 @@ mod tests {
                 row(wrong).unwrap_err().contains("is not understood"),
                 "{wrong}"
             );
+        }
+    }
+
+    #[test]
+    fn a_comment_has_the_limits_of_the_table() {
+        let said = |clauses: &str| {
+            let function: syn::ItemFn = syn::parse_str(&format!(
+                "/// Blinks.\n/// deadline: {clauses}\nfn blink() {{}}"
+            ))
+            .unwrap();
+            of(&function.attrs, "src/main.rs", "blink").map_err(|error| {
+                assert_eq!(error.exit_code(), 2);
+                error.to_string()
+            })
+        };
+        for (clauses, key, value) in [
+            ("every 0 us", "every_us", "0: 1 to 3600000000"),
+            (
+                "every 18446744073710 us",
+                "every_us",
+                "18446744073710: 1 to 3600000000",
+            ),
+            (
+                "every 18446744 s",
+                "every_us",
+                "18446744000000: 1 to 3600000000",
+            ),
+            (
+                "burst 3 apart 0 us every 1 ms",
+                "burst.apart_us",
+                "0: 1 to 3600000000",
+            ),
+            (
+                "burst 0 apart 87 us every 1 ms",
+                "burst.jobs",
+                "0: 1 to 10000",
+            ),
+            (
+                "burst 30000 apart 87 us every 1 ms",
+                "burst.jobs",
+                "30000: 1 to 10000",
+            ),
+            (
+                "burst 3 apart 8 us every 0 ms",
+                "burst.every_us",
+                "0: 1 to 3600000000",
+            ),
+            (
+                "every 1 ms, jitter 18446744073709 us",
+                "jitter_us",
+                "18446744073709: 0 to 3600000000",
+            ),
+            ("every 1 ms, apart 0 us", "apart_us", "0: 1 to 3600000000"),
+        ] {
+            assert_eq!(
+                said(&format!("{clauses}, within 300 us")).unwrap_err(),
+                format!("src/main.rs:2: task blink has `{key}` = {value} is accepted")
+            );
+        }
+        assert_eq!(
+            said("every 1 ms, within 0 us").unwrap_err(),
+            "src/main.rs:2: task blink has `deadline_us` = 0: 1 to 3600000000 is accepted"
+        );
+        assert!(said("every 3600 s, within 3600 s").unwrap().is_some());
+        for twice in [
+            "jitter 1 us, jitter 2 us",
+            "apart 1 us, apart 2 us",
+            "after a, after b",
+        ] {
+            let said = said(&format!("every 1 ms, within 1 ms, {twice}")).unwrap_err();
+            assert!(said.contains("is not understood"), "{said}");
         }
     }
 }

@@ -24,8 +24,8 @@ pub struct OnPart<'a> {
 }
 
 /// The handlers that are no task of the source but may be in the image: a monotonic's, say. Each with the
-/// priority that RTIC gives to a monotonic.
-pub type Handlers = BTreeMap<String, u32>;
+/// priority that the image gives it, if that is known.
+pub type Handlers = BTreeMap<String, Option<u32>>;
 
 /// The text of a table for an application. `model` and `execution` are of a trial run, in which each task
 /// has a row; they tell who pends whom.
@@ -72,21 +72,24 @@ fn add_handler(
     text: &mut String,
     source: &Source,
     handler: &str,
-    priority: u32,
+    priority: Option<u32>,
     pends: &Pends<'_>,
 ) {
     let _ = writeln!(
         text,
-        "\n# The handler {handler}, which is no task of the source (a monotonic's?), at priority {priority}."
+        "\n# The handler {handler}, which is no task of the source (a monotonic's?)."
     );
     let _ = writeln!(text, "[task.{handler}]");
+    if let Some(priority) = priority {
+        let _ = writeln!(text, "priority = {priority} # as the image sets it");
+    }
     match source.systick_hz.filter(|_| handler == "SysTick") {
         Some(hz) if hz > 0 => {
             let _ = writeln!(text, "every_us = {} # ticks at {hz} Hz", 1_000_000 / hz);
         }
         _ => question(text, "every_us", "least time between two of its interrupts"),
     }
-    pends.write(text, handler, None);
+    pends.write(text, handler, handler, None);
     question(text, "deadline_us", DEADLINE);
 }
 
@@ -122,10 +125,7 @@ fn add_task(text: &mut String, source: &Source, task: &Task, pends: &Pends<'_>) 
     if let Some(timer) = &timer {
         let _ = writeln!(text, "after = \"{timer}\"");
     }
-    // Software tasks of one priority share a dispatcher: the row of one of them names the penders.
-    if pends.task_of(interrupt) == task.name {
-        pends.write(text, interrupt, timer.as_deref());
-    }
+    pends.write(text, &task.name, interrupt, timer.as_deref());
     question(text, "deadline_us", DEADLINE);
 }
 
@@ -187,45 +187,49 @@ struct Pends<'a> {
 }
 
 impl Pends<'_> {
-    /// Who pends the handler of an interrupt, by name, each with a place.
-    fn of(&self, interrupt: &str) -> BTreeMap<String, &str> {
+    /// Who pends the handler of an interrupt and so may pend `task`, by name, each with a place. Software tasks of
+    /// one priority share a handler: each of them may be the one that pends. Where it pends itself, the task
+    /// stands for all of them.
+    fn of(&self, task: &str, interrupt: &str) -> BTreeMap<String, &str> {
         let found = self.found.iter().filter(|found| found.pended == interrupt);
-        let named = found.map(|found| {
-            let pender = match &found.pender {
-                Pender::Init => INIT.to_owned(),
-                Pender::Idle => IDLE.to_owned(),
-                Pender::Handler(handler) => self.task_of(handler),
+        let named = found.flat_map(|found| {
+            let penders = match &found.pender {
+                Pender::Init => vec![INIT.to_owned()],
+                Pender::Idle => vec![IDLE.to_owned()],
+                Pender::Handler(handler) if handler == interrupt => vec![task.to_owned()],
+                Pender::Handler(handler) => self.tasks_of(handler),
             };
-            (pender, found.place.as_str())
+            penders
+                .into_iter()
+                .map(|pender| (pender, found.place.as_str()))
         });
         named.collect()
     }
 
-    /// The first task that the handler of an interrupt runs.
-    fn task_of(&self, interrupt: &str) -> String {
-        let mut tasks = self.model.tasks.iter();
-        let first = tasks.find(|one| one.interrupt == interrupt);
-        first.map_or(interrupt, |one| &one.name).to_owned()
+    /// The tasks that the handler of an interrupt runs.
+    fn tasks_of(&self, interrupt: &str) -> Vec<String> {
+        let tasks = self.model.tasks.iter();
+        let of_handler = tasks.filter(|one| one.interrupt == interrupt);
+        of_handler.map(|one| one.name.clone()).collect()
     }
 
     /// The timer that wakes the software tasks of a handler, if one does.
     fn timer(&self, interrupt: &str) -> Option<String> {
-        let mut penders = self.of(interrupt).into_keys();
+        let mut penders = self.of(interrupt, interrupt).into_keys();
         penders.find(|pender| self.timers.contains_key(pender))
     }
 
-    /// Writes the lines about who pends the handler of an interrupt, but for `after`.
-    fn write(&self, text: &mut String, interrupt: &str, after: Option<&str>) {
-        let own = self.task_of(interrupt);
+    /// Writes the lines about who pends a task, which the handler of an interrupt runs, but for `after`.
+    fn write(&self, text: &mut String, task: &str, interrupt: &str, after: Option<&str>) {
         let is_timer = self.timers.contains_key(interrupt);
         let bounded = "{ every_us = N, because = \"...\" }";
-        for (pender, place) in self.of(interrupt) {
+        for (pender, place) in self.of(task, interrupt) {
             let (how, about) = match pender.as_str() {
                 pender if Some(pender) == after => continue,
                 INIT => ("once", String::new()),
                 IDLE => (QUESTION, format!(": {bounded}")),
                 _ if is_timer => ("each", ": right if a job starts one delay".to_owned()),
-                pender if pender == own => (QUESTION, format!(": {bounded}")),
+                pender if pender == task => (QUESTION, format!(": {bounded}")),
                 pender => (
                     QUESTION,
                     format!(

@@ -28,6 +28,7 @@ pub mod project;
 pub mod report;
 pub mod seen;
 pub mod table;
+mod wrong;
 
 pub use cli::run;
 pub use error::Error;

@@ -169,6 +169,9 @@ pub struct Clocks {
     pub flash_accelerator: bool,
 }
 
+/// Most wait states of a flash that are accepted: far more than any part has.
+const MOST_WAITS: u32 = 255;
+
 /// The names of the parts that come with the command.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
@@ -340,6 +343,10 @@ impl PartFile {
                 "`flash_waits` = {waits}: the {} needs {least} or more at {} Hz",
                 self.title, clocks.core_hz
             ))),
+            Some(waits) if waits > MOST_WAITS => Err(Error::input(format!(
+                "`flash_waits` = {waits}: {least} to {MOST_WAITS} is accepted for the {}",
+                self.title
+            ))),
             Some(waits) => Ok(waits),
             None => Ok(self.flash.waits.unwrap_or(least)),
         }
@@ -409,6 +416,11 @@ mod tests {
         assert_eq!(
             few,
             "`flash_waits` = 2: the STM32F411 needs 3 or more at 100000000 Hz"
+        );
+        let many = waits(100_000_000, Some(256)).unwrap_err().to_string();
+        assert_eq!(
+            many,
+            "`flash_waits` = 256: 3 to 255 is accepted for the STM32F411"
         );
         let fast = waits(101_000_000, None).unwrap_err().to_string();
         assert_eq!(

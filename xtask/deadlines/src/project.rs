@@ -102,6 +102,60 @@ fn output(command: &mut Command, what: &str) -> Result<String, Error> {
     )))
 }
 
+/// The packages among which the binary is.
+fn chosen<'a>(metadata: &'a Metadata, choice: &Choice) -> Result<Vec<&'a Package>, Error> {
+    let manifest = choice.manifest_path.as_deref().map(absolute);
+    let here = std::env::current_dir().unwrap_or_default();
+    let is_chosen = |package: &&Package| match (&choice.package, &manifest) {
+        (Some(name), _) => package.name == *name,
+        (None, Some(path)) => package.manifest_path == *path,
+        (None, None) => package
+            .manifest_path
+            .parent()
+            .is_some_and(|at| here.starts_with(at)),
+    };
+    let mut packages: Vec<&Package> = metadata.packages.iter().filter(is_chosen).collect();
+    if let (true, Some(name)) = (packages.is_empty(), &choice.package) {
+        let known: Vec<&str> = metadata
+            .packages
+            .iter()
+            .map(|one| one.name.as_str())
+            .collect();
+        return Err(Error::input(format!(
+            "there is no package {name}: there are {}",
+            known.join(", ")
+        )));
+    }
+    if packages.is_empty() && choice.package.is_none() {
+        let default = metadata
+            .workspace_default_members
+            .as_deref()
+            .unwrap_or_default();
+        let packages_of = metadata.packages.iter();
+        packages = packages_of
+            .filter(|package| default.contains(&package.id))
+            .collect();
+    }
+    // Of packages in each other's folders, the innermost.
+    packages.sort_by_key(|package| std::cmp::Reverse(package.manifest_path.components().count()));
+    if choice.package.is_none() && manifest.is_none() && here != metadata.workspace_root {
+        packages.truncate(1);
+    }
+    Ok(packages)
+}
+
+/// What packages have in place of targets of a kind, after a sentence.
+fn others(packages: &[&Package], kind: &str) -> String {
+    let other = if kind == "bin" { "example" } else { "bin" };
+    let targets = packages.iter().flat_map(|package| &package.targets);
+    let of_other = targets.filter(|target| target.kind.iter().any(|one| one == other));
+    let names: Vec<&str> = of_other.map(|target| target.name.as_str()).collect();
+    if names.is_empty() {
+        return String::new();
+    }
+    format!(", but by --{other}: {}", names.join(", "))
+}
+
 impl Binary {
     /// Finds the binary, without a build.
     ///
@@ -121,33 +175,7 @@ impl Binary {
     }
 
     fn among(metadata: &Metadata, choice: &Choice) -> Result<Self, Error> {
-        let manifest = choice.manifest_path.as_deref().map(absolute);
-        let here = std::env::current_dir().unwrap_or_default();
-        let is_chosen = |package: &&Package| match (&choice.package, &manifest) {
-            (Some(name), _) => package.name == *name,
-            (None, Some(path)) => package.manifest_path == *path,
-            (None, None) => package
-                .manifest_path
-                .parent()
-                .is_some_and(|at| here.starts_with(at)),
-        };
-        let mut packages: Vec<&Package> = metadata.packages.iter().filter(is_chosen).collect();
-        if packages.is_empty() && choice.package.is_none() {
-            let default = metadata
-                .workspace_default_members
-                .as_deref()
-                .unwrap_or_default();
-            let packages_of = metadata.packages.iter();
-            packages = packages_of
-                .filter(|package| default.contains(&package.id))
-                .collect();
-        }
-        // Of packages in each other's folders, the innermost.
-        packages
-            .sort_by_key(|package| std::cmp::Reverse(package.manifest_path.components().count()));
-        if choice.package.is_none() && manifest.is_none() && here != metadata.workspace_root {
-            packages.truncate(1);
-        }
+        let packages = chosen(metadata, choice)?;
         let kind = if choice.example.is_some() {
             "example"
         } else {
@@ -180,6 +208,10 @@ impl Binary {
                 manifest: package.manifest_path.clone(),
                 package: package.name.clone(),
             }),
+            (None, _, Some(wanted)) if names.is_empty() => Err(Error::input(format!(
+                "there is no {kind} {wanted}: the package has none{}",
+                others(&packages, kind)
+            ))),
             (None, _, Some(wanted)) => Err(Error::input(format!(
                 "there is no {kind} {wanted}: there are {names}"
             ))),
@@ -214,9 +246,9 @@ impl Binary {
             .arg("--manifest-path")
             .arg(&self.manifest)
             .args(["--package", &self.package, kind, &self.name])
-            // The line tables tell where loops and locks are; they change no instruction.
+            // Symbols and line tables tell where tasks, loops and locks are; they change no instruction.
             .env("CARGO_PROFILE_RELEASE_DEBUG", "2")
-            .env_remove("CARGO_PROFILE_RELEASE_STRIP")
+            .env("CARGO_PROFILE_RELEASE_STRIP", "none")
             .stderr(std::process::Stdio::inherit());
         if let Some(target) = &choice.target {
             command.args(["--target", target]);

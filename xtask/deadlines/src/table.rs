@@ -17,6 +17,7 @@ use schedulability::table::{LONGEST_US, LoopBound, OutOfRange, PendedBy, Several
 use serde::Deserialize;
 
 use crate::error::Error;
+use crate::wrong;
 
 /// What stands where a value is still to be written.
 pub const QUESTION: &str = "?";
@@ -103,11 +104,15 @@ impl Table {
                 .span()
                 .map(|span| 1 + text[..span.start].matches('\n').count());
             let line = line.map_or_else(String::new, |line| format!(":{line}"));
-            Error::input(format!("{file}{line}: {}", error.message().trim()))
+            let what = error
+                .span()
+                .and_then(|span| wrong::value(text, span, error.message()));
+            let what = what.unwrap_or_else(|| error.message().trim().to_owned());
+            Error::input(format!("{file}{line}: {what}"))
         })?;
         for (task, row) in &table.task {
             row.check()
-                .map_err(|what| Error::input(format!("{file}: task {task} has {what}")))?;
+                .map_err(|what| Error::input(format!("{file}: task {task} {what}")))?;
         }
         for (place, bound) in &table.bounds {
             let wrong = |what| Error::input(format!("{file}: the bound of {place} has {what}"));
@@ -143,10 +148,13 @@ fn question(text: &str) -> Option<String> {
 }
 
 impl Row {
-    /// Checks that its numbers are in range.
-    fn check(&self) -> Result<(), String> {
+    /// Checks its numbers and its bounds; the error ends a sentence that begins with the task.
+    ///
+    /// # Errors
+    /// A number is out of range, or `pended_by` says of one who pends what does not go with it.
+    pub(crate) fn check(&self) -> Result<(), String> {
         let accept = |key, value, least, most| {
-            OutOfRange::check(key, value, least, most).map_err(|number| number.to_string())
+            OutOfRange::check(key, value, least, most).map_err(|number| format!("has {number}"))
         };
         let bounded = self.pended_by.values().filter_map(|how| match how {
             PendedBy::Bounded(bounded) => Some(bounded),
@@ -172,12 +180,12 @@ impl Row {
                 accept(key, value, 1, LONGEST_US)?;
             }
         }
+        for (pender, how) in &self.pended_by {
+            how.check(pender).map_err(|fault| fault.to_string())?;
+        }
         for bounded in bounded {
-            if bounded.because.trim().is_empty() {
-                return Err("a `pended_by` whose `because` gives no reason".to_owned());
-            }
             if !bounded.every.as_slice().is_empty() {
-                return Err("`every` under `pended_by`: `every_us` is accepted".to_owned());
+                return Err("has `every` under `pended_by`: `every_us` is accepted".to_owned());
             }
         }
         Ok(())
@@ -224,15 +232,24 @@ mod tests {
             error("[task.a]\nevry_us = 1\n")
                 .starts_with("deadlines.toml:2: unknown field `evry_us`")
         );
-        assert!(error("[task.a]\nevery_us = -1\n").starts_with("deadlines.toml:2: "));
         assert_eq!(
             error("[task.a]\nevery_us = 0\n"),
             "deadlines.toml: task a has `every_us` = 0: 1 to 3600000000 is accepted"
         );
         assert_eq!(
             error("[task.a]\npended_by.b = { every_us = 1, because = \" \" }\n"),
-            "deadlines.toml: task a has a `pended_by` whose `because` gives no reason"
+            "deadlines.toml: task a is pended by b, but `because` gives no reason"
         );
+        for (pender, run) in [("b", "once"), ("init", "each"), ("idle", "once")] {
+            let text = format!("[task.a]\npended_by.{pender} = \"{run}\"\n");
+            assert_eq!(
+                error(&text),
+                format!(
+                    "deadlines.toml: task a is pended by {pender} \"{run}\", but \"each\" is for other tasks and \
+                     \"once\" for init: write {{ every_us = N, because = \"...\" }}"
+                )
+            );
+        }
         assert_eq!(
             error("[bounds]\n\"a.rs:1\" = { turns = 1, because = \"\" }\n"),
             "deadlines.toml: the bound of a.rs:1 has a `because` that gives no reason"

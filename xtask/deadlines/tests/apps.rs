@@ -37,6 +37,7 @@ fn each_shape_of_an_application_has_its_report() {
         ("menu", Target::V6),
         ("compare", Target::V7),
         ("masks", Target::V6),
+        ("pump", Target::V7),
     ] {
         let part: &[&str] = match (name, target) {
             ("blink", Target::V6) => &["--part", "stm32f0", "--core-hz", "48000000"],
@@ -406,59 +407,77 @@ fn a_lock_that_masks_single_interrupts_blocks_for_as_long_as_it_is_held() {
     assert!(blocked("given_back", "high") > 0.0);
 }
 
+/// What is wrong in a table: a text of that of `blink`, what replaces it, and the sentence.
+const WRONG: &[(&str, &str, &str)] = &[
+    (
+        "pended_by.init = \"once\"\n",
+        "",
+        "broken.toml: init of blink pends sample at src/bin/blink.rs:25 (blink::app::main::__rtic_init_resources), \
+             which the task table omits: write `pended_by.init = \"once\"` under [task.sample]",
+    ),
+    (
+        "every_us = 500",
+        "every_us = \"?\" # how often?",
+        "broken.toml:11: `every_us` of task watch is still a question: write a value in place of \"?\"",
+    ),
+    (
+        "[task.watch]\nevery_us = 500\ndeadline_us = 200\n",
+        "",
+        "broken.toml: task watch (src/bin/blink.rs:39) has no row: add [task.watch] with `every_us` or another \
+             release, and `deadline_us`; or write `/// deadline: every 10 ms, within 5 ms` above it",
+    ),
+    (
+        "[task.watch]",
+        "[task.report]\nevery_us = 1\ndeadline_us = 1\n[task.watch]",
+        "task report has a `deadline:` comment at src/bin/blink.rs:45 and a row in broken.toml: keep one of them",
+    ),
+    (
+        "[task.watch]",
+        "[task.none]\nevery_us = 1000\ndeadline_us = 1000\n[task.watch]",
+        "broken.toml: [task.none] is a row of no task: the tasks of src/bin/blink.rs are sample, watch, report",
+    ),
+    (
+        "every_us = 500",
+        "every_us = 500\nafter = \"watch\"",
+        "broken.toml: task watch of blink: `after` leads back to it (watch after watch), so nothing releases it: \
+             name the task that pends it",
+    ),
+    (
+        "pended_by.init = \"once\"\ndeadline_us = 100\n\n[task.watch]\n",
+        "deadline_us = 100\nafter = \"watch\"\n\n[task.watch]\nafter = \"sample\"\n",
+        "broken.toml: task sample of blink: `after` leads back to it (sample after watch after sample), so nothing \
+             releases it: name the task that pends it",
+    ),
+    (
+        "bus_hz = 48_000_000",
+        "stack_bytes = 131_073",
+        "broken.toml: `stack_bytes` = 131073: 1 to 131072 is accepted for the STM32F411, by its RAM",
+    ),
+    (
+        "bus_hz = 48_000_000",
+        "stack_bytes = 0",
+        "broken.toml: `stack_bytes` = 0: 1 to 131072 is accepted for the STM32F411, by its RAM",
+    ),
+    (
+        "deadline_us = 200",
+        "",
+        "broken.toml: task watch has no `deadline_us`",
+    ),
+    (
+        "part = \"stm32f411\"\n",
+        "",
+        "broken.toml has no `part`: `cargo deadlines init` writes it, or `--part` says it on the command line",
+    ),
+];
+
 #[test]
 fn a_table_that_is_wrong_has_its_sentence() {
     let blink = fs::read_to_string(table("blink")).unwrap();
-    for (from, to, code, sentence) in [
-        (
-            "pended_by.init = \"once\"\n",
-            "",
-            2,
-            "broken.toml: init of blink pends sample at src/bin/blink.rs:25 (blink::app::main::__rtic_init_resources), \
-             which the task table omits: write `pended_by.init = \"once\"` under [task.sample]",
-        ),
-        (
-            "every_us = 500",
-            "every_us = \"?\" # how often?",
-            2,
-            "broken.toml:11: `every_us` of task watch is still a question: write a value in place of \"?\"",
-        ),
-        (
-            "[task.watch]\nevery_us = 500\ndeadline_us = 200\n",
-            "",
-            2,
-            "broken.toml: task watch (src/bin/blink.rs:39) has no row: add [task.watch] with `every_us` or another \
-             release, and `deadline_us`; or write `/// deadline: every 10 ms, within 5 ms` above it",
-        ),
-        (
-            "[task.watch]",
-            "[task.report]\nevery_us = 1\ndeadline_us = 1\n[task.watch]",
-            2,
-            "task report has a `deadline:` comment at src/bin/blink.rs:45 and a row in broken.toml: keep one of them",
-        ),
-        (
-            "[task.watch]",
-            "[task.none]\nevery_us = 1000\ndeadline_us = 1000\n[task.watch]",
-            2,
-            "the image of blink has no handler none: is it built from this source?",
-        ),
-        (
-            "deadline_us = 200",
-            "",
-            2,
-            "broken.toml: task watch has no `deadline_us`",
-        ),
-        (
-            "part = \"stm32f411\"\n",
-            "",
-            2,
-            "broken.toml has no `part`: `cargo deadlines init` writes it, or `--part` says it on the command line",
-        ),
-    ] {
+    for (from, to, sentence) in WRONG {
         assert!(blink.contains(from), "{from}");
         fs::write(package().join("broken.toml"), blink.replace(from, to)).unwrap();
         let said = deadlines("blink", Target::V7, &["--table", "broken.toml"]);
-        assert_eq!((said.code, said.error.as_str()), (code, sentence));
+        assert_eq!((said.code, said.error.as_str()), (2, *sentence));
     }
     fs::write(
         package().join("broken.toml"),
@@ -485,6 +504,8 @@ fn a_first_table_asks_for_what_cannot_be_found() {
         ),
         ("timed", &[]),
         ("compare", &[]),
+        ("pump", &["--part", "stm32f411", "--core-hz", "16000000"]),
+        ("shared", &["--part", "stm32f411", "--core-hz", "16000000"]),
     ] {
         let path = package().join(format!("first-{name}.toml"));
         let _ = fs::remove_file(&path);
@@ -521,6 +542,130 @@ fn a_first_table_asks_for_what_cannot_be_found() {
     }
 }
 
+/// With each question answered, the first table is accepted: it has who pends whom, and the timer's priority.
+#[test]
+fn a_first_table_with_its_answers_is_accepted() {
+    for name in ["pump", "shared"] {
+        let path = package().join(format!("answered-{name}.toml"));
+        let _ = fs::remove_file(&path);
+        let file = path.display().to_string();
+        let part = ["--part", "stm32f411", "--core-hz", "16000000"];
+        let said = deadlines(
+            name,
+            Target::V7,
+            &[&["init", "--table", &file], &part[..]].concat(),
+        );
+        assert_eq!(said.code, 0, "{said:?}");
+        let mut text = fs::read_to_string(&path).unwrap();
+        for (key, answer) in [
+            ("every_us", "8000"),
+            ("deadline_us", "7000"),
+            ("pended_by.filter", "\"each\""),
+        ] {
+            text = text.replace(&format!("{key} = \"?\""), &format!("{key} = {answer}"));
+        }
+        text = text.replace("# bus_hz = 42_000_000", "bus_hz = 16_000_000");
+        fs::write(&path, text).unwrap();
+        let said = deadlines(name, Target::V7, &["--table", &file]);
+        assert_eq!(said.code, 0, "{said:?}");
+    }
+}
+
+/// The table of the README is that of `pump`, whose report has its snapshot.
+#[test]
+fn the_readme_has_a_complete_table() {
+    let readme = include_str!("../README.md");
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    assert!(readme.contains(&format!("```toml\n{pump}```\n")));
+}
+
+/// SysTick of rtic-monotonics has no priority of its own, so it keeps the highest.
+#[test]
+fn the_refusal_of_a_priority_names_the_line_to_write() {
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    for given in ["", "priority = 2\n"] {
+        let text = pump.replace("priority = 16\n", given);
+        fs::write(package().join("low.toml"), text).unwrap();
+        let said = deadlines("pump", Target::V7, &["--table", "low.toml"]);
+        assert_eq!(
+            (said.code, said.error.as_str()),
+            (
+                2,
+                "task SysTick of pump has priority 2, but the image gives SysTick priority 16: write `priority = 16` under \
+                 [task.SysTick]"
+            )
+        );
+    }
+}
+
+/// A table that names one of two tasks of a dispatcher is not accepted for both.
+#[test]
+fn each_task_of_a_dispatcher_is_asked_who_pends() {
+    let pump = fs::read_to_string(table("pump")).unwrap();
+    let alone = "[task.heartbeat]\nevery_us = 250_000\ndeadline_us = 50_000\n";
+    let said = |text: &str| {
+        fs::write(package().join("shared.toml"), text).unwrap();
+        deadlines("shared", Target::V7, &["--table", "shared.toml"])
+    };
+    let first = said(&format!("{pump}\n{alone}"));
+    assert_eq!(first.code, 2, "{first:?}");
+    assert!(
+        first.error.contains(" shares its handler with ") && first.error.contains("heartbeat"),
+        "{first:?}"
+    );
+    let tick = pump.replace(
+        "pended_by.display = \"each\"",
+        "pended_by.heartbeat = \"each\"\npended_by.display = \"each\"",
+    );
+    let all = format!("{tick}\n{alone}after = \"SysTick\"\npended_by.init = \"once\"\n");
+    assert_eq!(said(&all).code, 0, "{:?}", said(&all));
+    for line in [
+        "pended_by.heartbeat = \"each\"\n",
+        "after = \"SysTick\"\n",
+        "pended_by.init = \"once\"\n",
+    ] {
+        let at = all.rfind(line).unwrap();
+        let without = format!("{}{}", &all[..at], &all[at + line.len()..]);
+        let said = said(&without);
+        assert!(
+            said.code == 2
+                && said.error.contains("heartbeat")
+                && said.error.contains(" shares its handler with display"),
+            "{line}: {said:?}"
+        );
+    }
+}
+
+/// A symbol table and line tables are needed; the command's own builds keep them whatever the profile says.
+#[test]
+fn a_stripped_image_is_told() {
+    let path = package().join("stripped.elf");
+    let file = path.display().to_string();
+    let table = table("blink").display().to_string();
+    let image = fs::read(common::image("blink", Target::V7)).unwrap();
+    for section in [&b".debug_line"[..], b".symtab"] {
+        // Under another name no reader finds the section.
+        let at = image
+            .windows(section.len())
+            .rposition(|bytes| bytes == section);
+        let mut image = image.clone();
+        image[at.unwrap() + 1] = b'x';
+        if section == b".symtab" {
+            // The symbols are found by the type of their section, so all headers go.
+            image[0x20..0x24].fill(0);
+            image[0x30..0x34].fill(0);
+        }
+        fs::write(&path, image).unwrap();
+        let said = run(&["--bin", "blink", "--image", &file, "--table", &table]);
+        assert_eq!(said.code, 2, "{said:?}");
+        assert!(
+            said.error
+                .starts_with(&format!("the image {file} is stripped: ")),
+            "{said:?}"
+        );
+    }
+}
+
 /// Built by the command itself, with the project's own settings; a feature adds a task.
 #[test]
 fn the_command_builds_the_project() {
@@ -540,6 +685,18 @@ fn the_command_builds_the_project() {
     assert_eq!(said.code, 2);
     assert!(
         said.error.starts_with("there is no bin none: there are "),
+        "{said:?}"
+    );
+    let said = run(&["--package", "none"]);
+    assert_eq!(
+        (said.code, said.error.as_str()),
+        (2, "there is no package none: there are apps")
+    );
+    let said = run(&["--example", "none"]);
+    assert_eq!(said.code, 2);
+    assert!(
+        said.error
+            .starts_with("there is no example none: the package has none, but by --bin: "),
         "{said:?}"
     );
     let said = run(&[]);
@@ -591,6 +748,11 @@ fn a_lost_slack_fails_against_the_baseline() {
         "{said:?}"
     );
     let annotation = said.out.lines().last().unwrap();
+    assert!(
+        said.out
+            .contains("\nschedulable: every deadline holds\nslack is lost: watch had "),
+        "{said:?}"
+    );
     assert!(
         annotation.contains("src/bin/blink.rs,line=39,title=cargo deadlines: slack::watch had "),
         "{annotation}"

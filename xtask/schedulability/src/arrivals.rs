@@ -362,7 +362,7 @@ impl Arrivals {
     /// Long-term rates: a number of releases, and the time in which they occur.
     pub fn rates(&self) -> impl Iterator<Item = (u64, u64)> {
         let sporadic = self.all_sporadic().map(|stream| match stream.limit {
-            Some((jobs, span)) if jobs * stream.period < span => (jobs, span),
+            Some((jobs, span)) if jobs.saturating_mul(stream.period) < span => (jobs, span),
             _ => (1, stream.period),
         });
         let timed = self
@@ -543,5 +543,17 @@ mod tests {
         assert_eq!(around(1, 49), 1);
         // Its own repetition a cycle later counts.
         assert_eq!(around(1, 101), 3);
+    }
+
+    #[test]
+    fn the_rate_of_the_longest_burst_is_known() {
+        let hour = 3_600_000_000 * crate::units::MICROSECOND;
+        let burst = Sporadic {
+            period: hour,
+            jitter: 0,
+            limit: Some((10_000, hour)),
+        };
+        let rates: Vec<_> = Arrivals::from(burst).rates().collect();
+        assert_eq!(rates, [(1, hour)]);
     }
 }

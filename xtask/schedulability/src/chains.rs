@@ -9,7 +9,7 @@
 //!
 //! # Disturbed frames
 //! Each error may make one basic cycle begin later by the time to repeat its reference, and a chain that
-//! waits for an instant of a cycle waits that much longer ([`Errors::late`]). Response times and messages
+//! waits for an instant of a cycle waits that much longer ([`Errors::late`]): the last step of its report. Response times and messages
 //! have their errors in them.
 //!
 //! A frame that is destroyed in an exclusive window is not late but absent: its data never arrive, and those
@@ -65,6 +65,16 @@ pub fn follow(
         });
     }
     let latency = clock.total.and_then(|total| errors.delayed(total, &clock));
+    if let (Some(total), Some(latency)) = (clock.total, latency)
+        && latency > total
+    {
+        steps.push(StepReport {
+            name: errors.name(latency - total),
+            done: Some(latency),
+            // Each instant of a cycle that begins late is late with it.
+            phase: clock.phase.map(|phase| phase % cycle.max(1)),
+        });
+    }
     let longest = exclusive.iter().map(|(_, period)| *period).max();
     let frames = errors.rate.burst;
     let lost = longest.filter(|_| frames > 0).map(|period| LostReport {
@@ -100,6 +110,15 @@ impl Errors {
         rate: ErrorRate::NONE,
         late: 0,
     };
+
+    /// The name of the time that late cycles add to a chain, as a step of it.
+    fn name(self, added: Picoseconds) -> String {
+        let cycles = match added / self.late.max(1) {
+            1 => "a basic cycle".to_owned(),
+            cycles => format!("{cycles} basic cycles"),
+        };
+        format!("late begin of {cycles} (disturbed references)")
+    }
 
     /// The end-to-end time `total` with the basic cycles on its way that begin late; `None` without a bound.
     /// A chain that waits for no instant of a later cycle is as long as without errors.

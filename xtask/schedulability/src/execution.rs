@@ -164,7 +164,10 @@ pub enum ExecutionError {
         place: String,
     },
     /// A handler has another priority than its task.
-    #[error("task {task} of {node} has priority {said}, but the image gives {interrupt} {found}")]
+    #[error(
+        "task {task} of {node} has priority {said}, but the image gives {interrupt} {}{}",
+        found(*.given), correction(*.given, .row.as_deref())
+    )]
     Priority {
         /// The node.
         node: String,
@@ -174,8 +177,10 @@ pub enum ExecutionError {
         said: u32,
         /// Its interrupt.
         interrupt: String,
-        /// What the image gives it, as `priority 3` or `different ones`.
-        found: String,
+        /// The one that the image gives it; `None` if there are several, or it is not a constant.
+        given: Option<u32>,
+        /// The heading of its row, if the priority stands there.
+        row: Option<String>,
     },
     /// It has no such function as the task table excludes.
     #[error(
@@ -189,6 +194,22 @@ pub enum ExecutionError {
         /// The function.
         function: String,
     },
+}
+
+/// What the image gives to a handler, in a sentence.
+fn found(given: Option<u32>) -> String {
+    given.map_or_else(
+        || "different ones, or one that is not a constant".to_owned(),
+        |given| format!("priority {given}"),
+    )
+}
+
+/// What to write in the row of a handler, after a sentence.
+fn correction(given: Option<u32>, row: Option<&str>) -> String {
+    match (given, row) {
+        (Some(given), Some(row)) => format!(": write `priority = {given}` under [{row}]"),
+        _ => String::new(),
+    }
 }
 
 impl Execution {
@@ -234,7 +255,7 @@ impl Execution {
         if let Some(main) = main {
             progress("start-up and idle");
             analyser.add_main(main);
-            analyser.check_system_writes()?;
+            analyser.check_system_writes(table)?;
         }
         Ok(analyser.finish())
     }
@@ -463,7 +484,7 @@ impl Analyser<'_> {
 
     /// Checks what the whole program, each handler included, writes to the registers that say
     /// which handler runs, and at which priority.
-    fn check_system_writes(&self) -> Result<(), ExecutionError> {
+    fn check_system_writes(&self, of_node: &NodeTable) -> Result<(), ExecutionError> {
         if let Some(table) = self.image.vector_table() {
             self.check_vectors(table)?;
         }
@@ -474,11 +495,11 @@ impl Analyser<'_> {
             return Err(ExecutionError::Grouped(self.node.name.clone(), most));
         }
         let mut tasks = self.node.tasks.iter();
-        tasks.try_for_each(|task| self.check_priority(task))
+        tasks.try_for_each(|task| self.check_priority(task, of_node))
     }
 
     /// Compares the priority of a task with that which the program gives to its handler.
-    fn check_priority(&self, task: &TaskModel) -> Result<(), ExecutionError> {
+    fn check_priority(&self, task: &TaskModel, table: &NodeTable) -> Result<(), ExecutionError> {
         let vectors = self.image.vectors();
         let entry = self.image.symbol(&task.interrupt);
         let mut own = vectors.iter().filter(|(_, at)| Some(**at) == entry);
@@ -486,20 +507,20 @@ impl Analyser<'_> {
         let (Some((&number, _)), None) = (own.next(), own.next()) else {
             return Ok(());
         };
-        let found = self.analysis.system_writes().priority(number);
-        let found = found.map(|value| self.part.priority(value));
-        if found == Some(task.priority) {
+        let given = self.analysis.system_writes().priority(number);
+        let given = given.map(|value| self.part.priority(value));
+        if given == Some(task.priority) {
             return Ok(());
         }
+        let row = table.task.get(&task.name);
+        let row = row.filter(|row| row.priority.is_some());
         Err(ExecutionError::Priority {
             node: self.node.name.clone(),
             task: task.name.clone(),
             said: task.priority,
             interrupt: task.interrupt.clone(),
-            found: found.map_or_else(
-                || "different ones, or one that is not a constant".to_owned(),
-                |found| format!("priority {found}"),
-            ),
+            given,
+            row: row.map(|_| format!("{}.{}", self.node.rows, task.name)),
         })
     }
 

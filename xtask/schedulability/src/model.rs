@@ -113,6 +113,9 @@ pub enum TaskFault {
     /// `after` names no task.
     #[error("`after` names {0}, which is no task")]
     After(String),
+    /// Tasks name each other in `after`, so that none of them has a release of its own.
+    #[error("`after` leads back to it ({0}), so nothing releases it: name the task that pends it")]
+    AfterItself(String),
     /// `pended_by` names no task.
     #[error("`pended_by` names {0}, which is neither a task nor init or idle")]
     PendedBy(String),
@@ -306,6 +309,9 @@ impl NodeModel {
                 dispatched: task != interrupt && of_app.is_none_or(|of_app| of_app.binds.is_none()),
             });
         }
+        if let Some((task, fault)) = after_itself(&tasks) {
+            return Err(wrong(ModelFault::Task { task, fault }));
+        }
         add_pends(&mut tasks, table)
             .map_err(|(task, fault)| wrong(ModelFault::Task { task, fault }))?;
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
@@ -370,6 +376,28 @@ fn apart(app: &App, table: &NodeTable) -> bool {
     let priorities = tasks.iter().filter(|(name, ..)| of_link(name));
     let priorities: BTreeSet<u32> = priorities.map(|(.., priority)| *priority).collect();
     priorities.len() > 1
+}
+
+/// The first task that `after` leads back to.
+fn after_itself(tasks: &[TaskModel]) -> Option<(String, TaskFault)> {
+    let after = |name: &str| {
+        let named = tasks.iter().find(|task| task.name == name);
+        named.and_then(|task| task.after.as_deref())
+    };
+    tasks.iter().find_map(|task| {
+        let first = task.name.as_str();
+        let mut way = vec![first];
+        // Another loop may be on the way: it is that of its own tasks.
+        while way.len() <= tasks.len() {
+            let next = after(way.last()?)?;
+            way.push(next);
+            if next == first {
+                let fault = TaskFault::AfterItself(way.join(" after "));
+                return Some((task.name.clone(), fault));
+            }
+        }
+        None
+    })
 }
 
 /// Adds to the releases of each task those of the tasks that pend it in each of their jobs. A pend

@@ -85,6 +85,11 @@ pub struct PendError {
     pub exact: bool,
     /// The way back from the pended task to the pender, if there is one: the tasks between the two.
     pub back: Option<Vec<String>>,
+    /// Why another task may pend or be pended in place of this one, as a clause: software tasks of one priority
+    /// share a handler.
+    pub shared: Option<String>,
+    /// Whether the table says `after` of other tasks of the pended handler.
+    pub after: bool,
 }
 
 impl PendError {
@@ -98,6 +103,9 @@ impl PendError {
             ..
         } = self;
         let whom = if pender == pended { "itself" } else { pended };
+        if let Some(shared) = &self.shared {
+            return self.shared_sentence(whom, shared);
+        }
         let fact = if self.exact {
             format!(
                 "{pender} of {node} pends {whom} at {place}{}:",
@@ -119,6 +127,33 @@ impl PendError {
             _ => (BOUNDED, String::new()),
         };
         format!("{fact} write `pended_by.{pender} = {how}` under [{rows}.{pended}]{also}")
+    }
+
+    /// The sentence about a task that shares its handler.
+    fn shared_sentence(&self, whom: &str, shared: &str) -> String {
+        let Self {
+            node,
+            rows,
+            pender,
+            pended,
+            place,
+            ..
+        } = self;
+        let (line, or) = match pender.as_str() {
+            pender if self.after => (format!("after = \"{pender}\""), String::new()),
+            INIT => (format!("pended_by.{pender} = \"once\""), String::new()),
+            _ if pender == IDLE || pender == pended => {
+                (format!("pended_by.{pender} = {BOUNDED}"), String::new())
+            }
+            _ => (
+                format!("pended_by.{pender} = {BOUNDED}"),
+                format!(", or \"each\" in place of the braces if every job of {pender} may"),
+            ),
+        };
+        format!(
+            "{pender} of {node} may pend {whom} at {place}, because {shared}: write `{line}` under [{rows}.{pended}]\
+             {or}, or `pended_by.{pender} = {NEVER}` if it never does"
+        )
     }
 
     /// What follows from the pend, after its place.
@@ -148,6 +183,9 @@ impl PendError {
 /// How the task table bounds pends.
 const BOUNDED: &str = "{ every_us = N, because = \"...\" }";
 
+/// How it says that there are none.
+const NEVER: &str = "{ because = \"...\" }";
+
 /// Checks that the task table says of every pend who makes it. `file` names the table in messages.
 ///
 /// # Errors
@@ -158,16 +196,20 @@ pub fn check(
     found: &BTreeSet<Found>,
     file: &str,
 ) -> Result<(), Box<PendError>> {
-    let omitted = found.iter().filter(|one| !is_declared(model, table, one));
-    let errors = omitted.map(|one| PendError {
-        file: file.to_owned(),
-        node: model.name.clone(),
-        rows: model.rows.clone(),
-        pender: name(model, &one.pender),
-        pended: task_of(model, &one.pended),
-        place: one.place.clone(),
-        exact: one.exact,
-        back: back(model, found, one),
+    let errors = found.iter().flat_map(|one| {
+        let omitted = omitted(model, table, one).into_iter();
+        omitted.map(|(pender, pended)| PendError {
+            file: file.to_owned(),
+            node: model.name.clone(),
+            rows: model.rows.clone(),
+            shared: shared(model, one, &pender, &pended),
+            after: after(model, table, one, &pender),
+            pender,
+            pended,
+            place: one.place.clone(),
+            exact: one.exact,
+            back: back(model, found, one),
+        })
     });
     let worst = errors.min_by_key(|error| (error.back.is_none(), !error.exact));
     worst.map_or(Ok(()), |worst| Err(Box::new(worst)))
@@ -185,29 +227,85 @@ fn task_of(model: &NodeModel, interrupt: &str) -> String {
     first.map_or(interrupt, |task| &task.name).to_owned()
 }
 
-fn name(model: &NodeModel, pender: &Pender) -> String {
+/// Names of those who may be the pender: software tasks of one priority share a handler, and its code does not
+/// tell which of them pends.
+fn penders(model: &NodeModel, pender: &Pender) -> Vec<String> {
     match pender {
-        Pender::Init => INIT.to_owned(),
-        Pender::Idle => IDLE.to_owned(),
-        Pender::Handler(interrupt) => task_of(model, interrupt),
+        Pender::Init => vec![INIT.to_owned()],
+        Pender::Idle => vec![IDLE.to_owned()],
+        Pender::Handler(interrupt) => {
+            let tasks = tasks_of(model, interrupt);
+            tasks.map(|task| task.name.clone()).collect()
+        }
     }
 }
 
-/// Whether the table names the pender. Software tasks of one priority share a handler and its
-/// releases, so it may name any of them.
-fn is_declared(model: &NodeModel, table: &NodeTable, found: &Found) -> bool {
-    let is_pender = |name: &str| match &found.pender {
-        Pender::Init => name == INIT,
-        Pender::Idle => name == IDLE,
-        Pender::Handler(interrupt) => tasks_of(model, interrupt).any(|task| task.name == name),
+/// The pairs of a pender and a pended task that the table omits. Each task that shares the pender's handler may
+/// be the one that pends, so some row must name it; each task that shares the pended handler may be the one that
+/// is released, so its row must name a pender.
+fn omitted(model: &NodeModel, table: &NodeTable, found: &Found) -> Vec<(String, String)> {
+    let penders = penders(model, &found.pender);
+    let pended: Vec<&str> = tasks_of(model, &found.pended)
+        .map(|task| task.name.as_str())
+        .collect();
+    let names = |task: &str, pender: &str| {
+        let entry = table.task.get(task);
+        entry.is_some_and(|entry| {
+            entry.after.as_deref() == Some(pender) || entry.pended_by.contains_key(pender)
+        })
     };
+    // A task that shares its handler with the other end is asked for its own pends.
+    let is_own = found.pender == Pender::Handler(found.pended.clone());
+    let mut omitted = Vec::new();
+    for pender in &penders {
+        if !pended.iter().any(|task| names(task, pender)) {
+            let first = if is_own {
+                Some(pender.as_str())
+            } else {
+                pended.first().copied()
+            };
+            omitted.extend(first.map(|task| (pender.clone(), task.to_owned())));
+        }
+    }
+    for task in pended {
+        if !penders.iter().any(|pender| names(task, pender)) {
+            let own = penders.iter().find(|pender| is_own && *pender == task);
+            let first = own.or(penders.first());
+            omitted.extend(first.map(|pender| (pender.clone(), task.to_owned())));
+        }
+    }
+    omitted
+}
+
+/// Why another task may pend or be pended in place of this one.
+fn shared(model: &NodeModel, found: &Found, pender: &str, pended: &str) -> Option<String> {
+    let others = |interrupt: &str, of: &str| {
+        let others = tasks_of(model, interrupt).map(|task| task.name.as_str());
+        let others: Vec<&str> = others.filter(|name| *name != of).collect();
+        (!others.is_empty()).then(|| others.join(", "))
+    };
+    let of_pender = match &found.pender {
+        Pender::Handler(interrupt) => others(interrupt, pender),
+        Pender::Init | Pender::Idle => None,
+    };
+    let of_pender = of_pender.map(|others| {
+        format!(
+            "{pender} shares its handler with {others}, and the image does not tell which of them pends"
+        )
+    });
+    of_pender.or_else(|| {
+        let others = others(&found.pended, pended)?;
+        Some(format!(
+            "{pended} shares its handler with {others}, and the image does not tell which of them is pended"
+        ))
+    })
+}
+
+/// Whether a task of the pended handler is released `after` this pender.
+fn after(model: &NodeModel, table: &NodeTable, found: &Found, pender: &str) -> bool {
     tasks_of(model, &found.pended).any(|task| {
         let entry = table.task.get(&task.name);
-        entry.is_some_and(|entry| {
-            let after = entry.after.iter();
-            let mut penders = after.chain(entry.pended_by.keys());
-            penders.any(|name| is_pender(name))
-        })
+        entry.is_some_and(|entry| entry.after.as_deref() == Some(pender))
     })
 }
 

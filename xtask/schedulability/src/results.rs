@@ -396,7 +396,7 @@ pub struct StepReport {
 pub struct ChainReport {
     /// Its name.
     pub name: String,
-    /// Its steps.
+    /// Its steps, and as the last one what late cycles add, so that it is done after `latency`.
     pub steps: Vec<StepReport>,
     /// Longest end-to-end time; `None` if a step has no bound. It is that of data whose frames arrive:
     /// errors make them late, but destroy none of them in an exclusive window.

@@ -617,7 +617,7 @@ pub const BUS_OFF_BITS: u64 = 128 * 11;
 
 /// One value or a list.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "one value or a list of them is accepted")]
 pub enum Several<T> {
     /// One.
     One(T),
@@ -1112,7 +1112,10 @@ impl PendedBy {
     }
 
     /// Checks what the table says of `pender`.
-    fn check(&self, pender: &str) -> Result<(), TaskFault> {
+    ///
+    /// # Errors
+    /// `pender` runs more than once or has no jobs, or the bound has no reason.
+    pub fn check(&self, pender: &str) -> Result<(), TaskFault> {
         let wrong = |run| Err(TaskFault::Run(pender.to_owned(), run));
         match self {
             Self::Run(Run::Each) if [INIT, IDLE].contains(&pender) => wrong("each"),

@@ -38,13 +38,18 @@ fn text(sample: &str, filter: &str, report: &str) -> String {
 
 /// The model of the node with this table.
 fn model(table: &str) -> Result<(NodeModel, NodeTable), String> {
+    of_source(SOURCE, table)
+}
+
+/// The model of a node with this source and this table.
+fn of_source(source: &str, table: &str) -> Result<(NodeModel, NodeTable), String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let network = root.join("firmware/vehicles/uagv/network.dbc");
     let network = Network::parse(&std::fs::read_to_string(network).unwrap()).unwrap();
     let table = Table::parse("tasks.toml", table).map_err(|error| error.to_string())?;
     let table = table.resolve("tasks.toml", &network, None);
     let table = table.map_err(|error| error.to_string())?.node["node"].on(Sled::F446);
-    let app = App::parse("node.rs", SOURCE).unwrap();
+    let app = App::parse("node.rs", source).unwrap();
     let model = NodeModel::new(
         "node",
         &app,
@@ -245,6 +250,72 @@ fn what_the_table_omits_has_its_sentence() {
         let expected = sentence.map_or(Ok(()), |sentence| Err(format!("tasks.toml: {sentence}")));
         assert_eq!(error, expected);
     }
+}
+
+const SHARED: &str = r"
+#[rtic::app(device = part, dispatchers = [EXTI5])]
+mod app {
+    #[task(priority = 1)]
+    async fn show(_: show::Context) {}
+    #[task(priority = 1)]
+    async fn blink(_: blink::Context) {}
+}
+";
+
+/// Two software tasks share a handler, whose code does not tell which of them pends or is pended.
+#[test]
+fn each_task_that_shares_a_handler_has_its_pends_in_the_table() {
+    let said = |[tick, show, blink]: [&str; 3], all: &[Found]| {
+        let row = |name: &str, lines: &str| {
+            format!("[node.node.task.{name}]\nevery_us = 1000\ndeadline_us = 200\n{lines}\n")
+        };
+        let text = row("SysTick", tick) + &row("show", show) + &row("blink", blink);
+        let (model, table) = of_source(SHARED, &text).unwrap();
+        let all = all.iter().cloned().collect();
+        pends::check(&model, &table, &all, "tasks.toml")
+            .map_err(|error| error.to_string().replace("node.node.", ""))
+    };
+    let place = "at node.rs:7 (f), because blink shares its handler with";
+    let bounded = "{ every_us = N, because = \"...\" }";
+    let (which, whom) = (
+        "and the image does not tell which of them",
+        "{ because = \"...\" }` if it never does",
+    );
+    let of_show = "pended_by.show = \"each\"";
+    let of_both = "pended_by.show = \"each\"\npended_by.blink = { because = \"it only waits\" }";
+    let to_tick = [found("EXTI5", "SysTick", true)];
+    let expected = format!(
+        "tasks.toml: blink of node may pend SysTick {place} show, {which} pends: write \
+         `pended_by.blink = {bounded}` under [task.SysTick], or \"each\" in place of the braces if every job of blink \
+         may, or `pended_by.blink = {whom}"
+    );
+    assert_eq!(said([of_show, "", ""], &to_tick), Err(expected));
+    assert_eq!(said([of_both, "", ""], &to_tick), Ok(()));
+    let by_tick = [found("SysTick", "EXTI5", true)];
+    let expected = format!(
+        "tasks.toml: SysTick of node may pend blink {place} show, {which} is pended: write \
+         `after = \"SysTick\"` under [task.blink], or `pended_by.SysTick = {whom}"
+    );
+    let after = "after = \"SysTick\"";
+    assert_eq!(said(["", after, ""], &by_tick), Err(expected));
+    assert_eq!(said(["", after, after], &by_tick), Ok(()));
+    let by_init = [found("init", "EXTI5", true)];
+    let once = "pended_by.init = \"once\"";
+    let expected = format!(
+        "tasks.toml: init of node may pend blink {place} show, {which} is pended: write \
+         `pended_by.init = \"once\"` under [task.blink], or `pended_by.init = {whom}"
+    );
+    assert_eq!(said(["", once, ""], &by_init), Err(expected));
+    assert_eq!(said(["", once, once], &by_init), Ok(()));
+    let by_itself = [found("EXTI5", "EXTI5", true)];
+    let expected = format!(
+        "tasks.toml: blink of node may pend itself {place} show, {which} pends: write \
+         `pended_by.blink = {bounded}` under [task.blink], or `pended_by.blink = {whom}"
+    );
+    let show = "pended_by.show = { because = \"it wakes nobody\" }";
+    let blink = "pended_by.blink = { because = \"it wakes nobody\" }";
+    assert_eq!(said(["", show, ""], &by_itself), Err(expected));
+    assert_eq!(said(["", show, blink], &by_itself), Ok(()));
 }
 
 /// No window holds more late pends than are counted.

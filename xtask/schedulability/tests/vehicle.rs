@@ -504,6 +504,24 @@ fn a_lost_frame_costs_a_chain_one_period_of_its_message() {
     // It waits for the next cycle, and takes longer than 100 ms: two cycles may begin late.
     let latency = clean.latency.unwrap() + 2 * late;
     assert_eq!(disturbed.latency, Some(latency));
+    // The rows add up: the last one has what the errors add.
+    assert_eq!(clean.steps.last().unwrap().done, clean.latency);
+    let (last, before) = disturbed.steps.split_last().unwrap();
+    assert_eq!(before, clean.steps);
+    assert_eq!(
+        (last.name.as_str(), last.done, last.phase),
+        (
+            "late begin of 2 basic cycles (disturbed references)",
+            Some(latency),
+            clean.steps.last().unwrap().phase
+        )
+    );
+    let mut shown = report.clone();
+    shown.chains = vec![disturbed.clone()];
+    assert!(report::table(&shown).contains(&format!("{}  ", last.name)));
+    assert!(report::html(&shown).contains(&last.name));
+    let steps = &report::json(&shown)["chains"][0]["steps"];
+    assert_eq!(steps[before.len()]["done_ps"], latency);
     let lost = disturbed.lost.unwrap();
     assert_eq!(lost.messages, ["Velocity", "Command"]);
     assert_eq!(lost.latency, Some(latency + 100_000_000_000));

@@ -371,7 +371,8 @@ fn a_row_makes_a_task_of_a_handler() {
     let low = with_rows("foreign", &row.replace("16", "2")).unwrap_err();
     assert_eq!(
         low.to_string(),
-        "task EXTI3 of node has priority 2, but the image gives EXTI3 priority 16"
+        "task EXTI3 of node has priority 2, but the image gives EXTI3 priority 16: write `priority = 16` under \
+         [node.node.task.EXTI3]"
     );
     let twice = with_rows(
         "sound",

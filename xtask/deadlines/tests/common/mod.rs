@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 20] = [
+const CHANGED: [(&str, &str, &[Change]); 21] = [
     (
         "logs",
         "blink",
@@ -147,6 +147,24 @@ const CHANGED: [(&str, &str, &[Change]); 20] = [
             "cortex_m::peripheral::NVIC::mask(Interrupt::TIM_A);",
         )],
     ),
+    // Two tasks on one dispatcher.
+    (
+        "shared",
+        "pump",
+        &[
+            (
+                "let _ = display::spawn();",
+                "let _ = display::spawn();\n        let _ = heartbeat::spawn();",
+            ),
+            (
+                "    /// Shows the level.",
+                "    #[task(priority = 1)]\n    async fn heartbeat(_: heartbeat::Context) {\n        \
+                 // loop-bound: 1. Each turn ends in a delay.\n        loop {\n            \
+                 output(1);\n            Mono::delay(250.millis()).await;\n        }\n    }\n\n    \
+                 /// Shows the level.",
+            ),
+        ],
+    ),
     (
         "longer",
         "masks",
@@ -240,6 +258,7 @@ pub(crate) fn package() -> &'static Path {
             let status = cargo()
                 .current_dir(&package)
                 .args(["build", "--quiet", "--release", "--bins"])
+                .env("CARGO_PROFILE_RELEASE_STRIP", "none")
                 .args(["--features", target.feature()])
                 .args(["--target", target.triple()])
                 .status()
@@ -303,14 +322,15 @@ pub(crate) struct Said {
     pub(crate) error: String,
 }
 
+/// The image of an application.
+pub(crate) fn image(name: &str, target: Target) -> PathBuf {
+    let target = package().join("target").join(target.triple());
+    target.join("release").join(name)
+}
+
 /// Runs the command on an application, built already, with further arguments.
 pub(crate) fn deadlines(name: &str, target: Target, more: &[&str]) -> Said {
-    let image = package()
-        .join("target")
-        .join(target.triple())
-        .join("release")
-        .join(name);
-    let image = image.display().to_string();
+    let image = image(name, target).display().to_string();
     let mut arguments = vec!["--bin", name, "--image", &image];
     // Those of a subcommand follow it.
     let (command, more) = match more.first() {
