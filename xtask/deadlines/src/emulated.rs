@@ -7,12 +7,12 @@
 use std::sync::Arc;
 
 use can_bus::{SimDuration, SimTime};
-use observer::follower::lock;
+use observer::follower::{Findings, lock};
 use schedulability::arrivals::Sporadic;
 use schedulability::execution::Execution;
 use schedulability::node::{Entered, Observed};
 use schedulability::table::{ONCE, TaskTable};
-use schedulability::units::MICROSECOND;
+use schedulability::units::{MICROSECOND, time};
 use twin::mcu::{Board, FlashTiming, Mcu};
 use twin::part::Part;
 use wcet::cycles::Model as Timing;
@@ -112,6 +112,11 @@ pub fn run(
             stray.sentence(image)
         )));
     }
+    if let Some(sentence) = unfinished(&findings, &mcu, model, end) {
+        return Err(Error::Missed(format!(
+            "the run is not as analysed: {sentence}"
+        )));
+    }
     let mut observed = Observed::default();
     for task in &mcu.load().tasks {
         let found = findings.handlers.get(&task.exception);
@@ -130,6 +135,29 @@ pub fn run(
     Ok(Shown {
         observed,
         sentence: sentence(run, &mcu, &waiting),
+    })
+}
+
+/// What to say of a job that began longer than its deadline before the `end` of the run, and has not ended: no time
+/// is known of it.
+fn unfinished(findings: &Findings, mcu: &Mcu, model: &Model, end: u64) -> Option<String> {
+    findings.handlers.iter().find_map(|(exception, found)| {
+        let entered: usize = found.entered.iter().map(Vec::len).sum();
+        let began = *found.entered.last()?.last()?;
+        let (_, interrupt) = mcu.image().handler(*exception)?;
+        let tasks = model.node.tasks.iter();
+        let task = tasks
+            .filter(|task| task.interrupt == interrupt)
+            .max_by_key(|task| task.deadline)?;
+        let lasts = entered as u64 > found.activations && end - began > task.deadline;
+        lasts.then(|| {
+            format!(
+                "a job of {} that began {} after power-on did not end within its deadline of {}, nor in the run",
+                task.name,
+                time(began),
+                time(task.deadline)
+            )
+        })
     })
 }
 

@@ -122,6 +122,11 @@ fn a_run_that_refutes_the_table_or_an_annotation_is_told() {
         error.contains("lies.watch") && error.contains("the loop at src/bin/lies.rs:43 took"),
         "{error}"
     );
+    let (code, error) = said("stuck", "blink", &slower, &[]);
+    assert_eq!(code, 1);
+    let start = "the run is not as analysed: a job of watch that began ";
+    let end = "did not end within its deadline of 200.00 us, nor in the run";
+    assert!(error.contains(start) && error.ends_with(end), "{error}");
     let (code, error) = said("blink", "blink", &slower, &["--part", "nrf52840"]);
     assert_eq!(code, 2);
     assert!(

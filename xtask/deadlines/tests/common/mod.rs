@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 21] = [
+const CHANGED: [(&str, &str, &[Change]); 22] = [
     (
         "logs",
         "blink",
@@ -69,6 +69,15 @@ const CHANGED: [(&str, &str, &[Change]); 21] = [
             "output(input() >> 3);",
             "let mut left = input();\n        // loop-bound: 2. So it says.\n        \
              while left != 0 {\n            left &= left - 1;\n            output(left | 1);\n        }",
+        )],
+    ),
+    // A wait that no run ends, whatever its annotation says.
+    (
+        "stuck",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "output(0);\n        // loop-bound: 2. So it says.\n        while input() != 7 {}",
         )],
     ),
     // A store to an unknown address before a priority is set by a read and a write.
