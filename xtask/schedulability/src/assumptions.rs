@@ -13,7 +13,7 @@ use crate::units::time;
 pub struct Assumption {
     /// What is taken for granted, and who makes sure of it.
     pub granted: &'static str,
-    /// What an observed run shows of it.
+    /// What an observed run shows of it; empty if that is nothing.
     pub watched: &'static str,
 }
 
@@ -22,14 +22,20 @@ impl Assumption {
     #[must_use]
     pub fn of_a_run(&self) -> String {
         format!("{} {}", self.granted, self.watched)
+            .trim_end()
+            .to_owned()
     }
 }
 
 /// Assumptions that hold for every program.
-pub const OF_ANY_PROGRAM: [Assumption; 2] = [
+pub const OF_ANY_PROGRAM: [Assumption; 3] = [
     Assumption {
-        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. If all stores that can reach a word store a few addresses, it holds one of them, and where it is used as an address, it is not null. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a function keeps what it found in BASEPRI or PRIMASK; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
+        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. If all stores that can reach a word store a few addresses, it holds one of them, and where it is used as an address, it is not null. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (as a reference that a variable, a software task's future or the timer queue keeps) does not lead to such a word, nor to the one on the stack in which a function keeps what it found in BASEPRI or PRIMASK; and DMA writes only to variables whose address was given to a peripheral. A number that start-up leaves counts as an address if there is memory at it. Who writes the application makes sure of them.",
         watched: "The observed runs fail at a store to such a word, or of anything else to one with a few addresses, and at a handler that leaves another BASEPRI.",
+    },
+    Assumption {
+        granted: "While a deadline counts, nothing erases or programs the flash, the core does not sleep deeply, and the lazy saving of floating-point registers stays as reset leaves it. Who writes the application makes sure.",
+        watched: "",
     },
     Assumption {
         granted: "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure.",

@@ -28,5 +28,5 @@ pub(crate) const NO_NUMBER: u32 = 0x0800_0000;
 /// none, because a number may look like it.
 #[must_use]
 pub(crate) fn leads_to_memory(part: &Part, word: u32) -> bool {
-    RAM.contains(word) || word >= NO_NUMBER && part.flash.contains(word)
+    part.ram.contains(word) || word >= NO_NUMBER && part.flash.contains(word)
 }
