@@ -586,7 +586,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         let travel = self.travelled(tracking.speed);
         let cruise = self.settings.cruise;
         let mut planned = self.route.speed(&self.progress, travel);
-        // The ramp begins at the last command. From the measured speed, a stuck drive would be told to keep it.
+        // The ramp starts from the last command. From the measured speed it would never fall if the drive does not slow down.
         if let Some(most) = self
             .route
             .stopping(self.travelled(applied) * self.drive(), dt)

@@ -103,8 +103,23 @@ impl PendError {
             ..
         } = self;
         let whom = if pender == pended { "itself" } else { pended };
+        let (how, each) = self.bound();
+        let or_each = |quote: &str| {
+            let or = format!(
+                ", or {quote}\"each\"{quote} in place of the braces if every job of {pender} may"
+            );
+            if each { or } else { String::new() }
+        };
         if let Some(shared) = &self.shared {
-            return self.shared_sentence(whom, shared);
+            let line = match how {
+                _ if self.after => format!("after = \"{pender}\""),
+                how => format!("pended_by.{pender} = {how}"),
+            };
+            return format!(
+                "{pender} of {node} may pend {whom} at {place}, because {shared}: write `{line}` under [{rows}.{pended}]\
+                 {}, or `pended_by.{pender} = {NEVER}` if it never does",
+                or_each("")
+            );
         }
         let fact = if self.exact {
             format!(
@@ -118,42 +133,17 @@ impl PendError {
                 self.consequence()
             )
         };
-        let (how, also) = match (&self.back, pender.as_str()) {
-            (None, INIT) => ("\"once\"", String::new()),
-            (None, pender) if pender != IDLE => (
-                BOUNDED,
-                format!(", or `\"each\"` in place of the braces if every job of {pender} may"),
-            ),
-            _ => (BOUNDED, String::new()),
-        };
-        format!("{fact} write `pended_by.{pender} = {how}` under [{rows}.{pended}]{also}")
+        let or = or_each("`");
+        format!("{fact} write `pended_by.{pender} = {how}` under [{rows}.{pended}]{or}")
     }
 
-    /// The sentence about a task that shares its handler.
-    fn shared_sentence(&self, whom: &str, shared: &str) -> String {
-        let Self {
-            node,
-            rows,
-            pender,
-            pended,
-            place,
-            ..
-        } = self;
-        let (line, or) = match pender.as_str() {
-            pender if self.after => (format!("after = \"{pender}\""), String::new()),
-            INIT => (format!("pended_by.{pender} = \"once\""), String::new()),
-            _ if pender == IDLE || pender == pended => {
-                (format!("pended_by.{pender} = {BOUNDED}"), String::new())
-            }
-            _ => (
-                format!("pended_by.{pender} = {BOUNDED}"),
-                format!(", or \"each\" in place of the braces if every job of {pender} may"),
-            ),
-        };
-        format!(
-            "{pender} of {node} may pend {whom} at {place}, because {shared}: write `{line}` under [{rows}.{pended}]\
-             {or}, or `pended_by.{pender} = {NEVER}` if it never does"
-        )
+    /// How the table bounds such a pend, and whether `"each"` may stand in place of it.
+    fn bound(&self) -> (&'static str, bool) {
+        let own = self.shared.is_some() && (self.pender == self.pended || self.after);
+        match (&self.back, self.pender.as_str()) {
+            (None, INIT) => ("\"once\"", false),
+            (back, pender) => (BOUNDED, back.is_none() && pender != IDLE && !own),
+        }
     }
 
     /// What follows from the pend, after its place.

@@ -344,12 +344,9 @@ impl Annotations {
             for block in repeating {
                 // The outer one may be repeated from within the inner one, by its label.
                 let places = image.places(block.last().address);
-                let around = places.iter().map(|place| self.around(place));
-                for found in around
-                    .into_iter()
-                    .find(|all| !all.is_empty())
-                    .unwrap_or_default()
-                {
+                let mut around = places.iter().map(|place| self.around(place));
+                let innermost = around.find(|all| !all.is_empty());
+                for found in innermost.into_iter().flatten() {
                     if merged.iter().all(|(place, _)| *place != found.0) {
                         merged.push(found);
                     }

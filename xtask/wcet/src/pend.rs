@@ -94,7 +94,7 @@ pub(crate) fn of_store(
 }
 
 /// The words that a value may be, if they are few.
-fn words(symbols: &Symbols, value: &Value) -> Option<Vec<u32>> {
+pub(crate) fn words(symbols: &Symbols, value: &Value) -> Option<Vec<u32>> {
     symbols
         .elements(value)
         .or_else(|| (value.range.count() <= FEW).then(|| value.range.iter().collect()))

@@ -305,6 +305,11 @@ fn finds_no_link(image: &Image, instruction: &Instruction) -> bool {
             .any(|place| LOADS_OF_OTHERS.contains(&place.line) && LIST.is(image, &place.file))
 }
 
+/// Whether a file is one of the compiler's libraries, with the compiler's path or without.
+fn is_toolchain(file: &str) -> bool {
+    file.starts_with("/rustc/") || file.starts_with("core/src/")
+}
+
 /// The bound of loop `number` of `graph` and the reason for it, if it is a loop of the timer
 /// queue.
 #[must_use]
@@ -322,11 +327,8 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
             continue;
         }
         // What the compiler's library does for the source is the source's.
-        let mut callers = places
-            .iter()
-            .filter(|place| !place.file.starts_with("core/"));
-        own |= callers
-            .next()
+        let innermost = places.iter().find(|place| !is_toolchain(&place.file));
+        own |= innermost
             .is_some_and(|place| LIST.is(image, &place.file) || QUEUE.is(image, &place.file));
         let within = |known: &Known| places.iter().any(|place| known.is(image, &place.file));
         in_list &= within(&LIST);

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::extent::Extent;
 use crate::lasting::{FAR, FEW, is_priorities, places, reach};
 use crate::layout::{PERIPHERALS, RAM, STACK, leads_to_memory};
-use crate::pend::{Pend, of_store};
+use crate::pend::{Pend, of_store, words};
 use crate::range::Range;
 use crate::value::Value;
 
@@ -301,18 +301,12 @@ impl Step<'_, '_> {
         let inert = self.machine.part.inert;
         let is_inert = |at: u32| inert.is_some_and(|(first, last)| (first..=last).contains(&at));
         let symbols = &self.machine.symbols;
-        let few = |value: &Value| {
-            let elements = symbols.elements(value);
-            elements.or_else(|| (value.range.count() <= FEW).then(|| value.range.iter().collect()))
-        };
-        let to_peripheral = few(address).is_some_and(|all| {
+        let to_peripheral = words(symbols, address).is_some_and(|all| {
             let mut all = all.into_iter();
             all.any(|at| PERIPHERALS.contains(at) && !is_inert(at))
         });
-        if !to_peripheral {
-            return;
-        }
-        for word in few(value).into_iter().flatten() {
+        let lent = words(symbols, value).filter(|_| to_peripheral);
+        for word in lent.into_iter().flatten() {
             self.lend_word(word);
         }
     }
