@@ -317,7 +317,6 @@ fn observed(program: &str, programs: &Programs) -> Observed {
                 preempted: BTreeMap::new(),
                 followed: found.activations,
                 entered: entered(&found.entered),
-                calling: BTreeMap::new(),
                 refuted: found
                     .refuted
                     .iter()

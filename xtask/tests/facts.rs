@@ -15,7 +15,7 @@ use can_bus::SimDuration;
 use firmware::design;
 use network_model::{Network, generate};
 use parts::{Clocks, Memory, Part, Sled};
-use schedulability::arrivals::Sporadic;
+use schedulability::arrivals::{Kind, Sporadic};
 use schedulability::board::Board as Analysed;
 use schedulability::can::ErrorRate;
 use schedulability::execution::{Execution, Handler};
@@ -30,6 +30,7 @@ use twin::image::Image;
 use twin::mcu::{Board, Mcu};
 use twin::{Images, Twin};
 use vehicle_model::{NodeIndex, Vehicle, VehicleError};
+use wcet::annotation::Annotations;
 use wcet::cycles::Cycles;
 use world::Scenario;
 use xtask::{Workspace, build, size};
@@ -238,6 +239,33 @@ fn wait_states_of_the_flash() {
 fn attempts_of_an_event_triggered_node() {
     let of_firmware = firmware::event::ATTEMPTS;
     assert_eq!(schedulability::event::ATTEMPTS, u64::from(of_firmware));
+}
+
+/// The receive interrupt handles a message by a shorter path than a reference, and which one a frame is follows from
+/// its identifier in the network file.
+#[test]
+fn identifier_of_a_frame() {
+    let (path, _) = elf();
+    let image = wcet::image::Image::read(path).unwrap();
+    let annotations = Annotations::new(workspace().root());
+    let (mut model, on_board) = model(&vehicle(), DRIVE, Sled::F303, |text| text);
+    let kinds = |model: &NodeModel| {
+        let execution = Execution::of(model, &on_board, &image, &annotations, &|_| {});
+        let handler = execution.unwrap().handlers["USB_LP_CAN_RX0"].clone();
+        let of = |kind| handler.kinds[&kind].flashed;
+        (of(Kind::Reference), of(Kind::Exclusive))
+    };
+    let (reference, message) = kinds(&model);
+    assert!(3 * message < 2 * reference, "{message} of {reference}");
+    let mut tasks = model.tasks.iter_mut();
+    let can_rx = tasks.find(|task| task.name == "can_rx").unwrap();
+    let received = &mut can_rx.received;
+    let references = received[&Kind::Reference].clone();
+    received
+        .get_mut(&Kind::Exclusive)
+        .unwrap()
+        .extend(references);
+    assert_eq!(kinds(&model), (reference, reference));
 }
 
 #[test]

@@ -120,8 +120,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// The most urgent event message, if it may be sent now.
-    // Not inlined, so that the task table can exclude it (`never`) from the bound of other
-    // windows.
+    // Not inlined: that makes images smaller.
     #[inline(never)]
     pub(super) fn transmit_event(&mut self, now: Stamp) -> Option<Action> {
         if self.position.window != CurrentWindow::Arbitrating

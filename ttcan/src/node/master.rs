@@ -105,7 +105,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 }
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    // Not inlined, so that the task table can exclude it (`never`) from the bound of windows.
+    // Not inlined: that makes images smaller.
     #[inline(never)]
     pub(super) fn transmit_reference(&mut self, now: Stamp) -> Action {
         self.agenda.reference = None;
@@ -178,8 +178,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
-    // Not inlined, so that the task table can exclude it (`never`) from the bound of other
-    // transmissions.
+    // Not inlined: that makes images smaller.
     #[inline(never)]
     pub(super) fn end_reference(
         &mut self,

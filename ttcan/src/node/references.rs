@@ -27,8 +27,7 @@ enum Judgement {
 }
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    // Not inlined, so that the task table can exclude it (`never`) from the bound of messages.
-    // The smallest images have no room for that.
+    // Not inlined: that makes images smaller.
     #[cfg_attr(feature = "global-time", inline(never))]
     pub(super) fn take_reference(&mut self, frame: &Frame, rank: u8, end: Stamp) -> Reception {
         let network = self.setup.network();

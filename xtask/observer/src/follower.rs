@@ -23,8 +23,6 @@ pub struct Found {
     /// Times at which the handler was entered, in picoseconds, for each start of the node; those while
     /// it started are left out.
     pub entered: Vec<Vec<u64>>,
-    /// The same of those activations that entered a function which the watch notes, by its name.
-    pub calling: BTreeMap<String, Vec<Vec<u64>>>,
     /// Assumptions of the analysis that the run refuted. For each place only the worst one is
     /// kept.
     pub refuted: Vec<Refuted>,
@@ -150,8 +148,6 @@ struct InHand {
     exception: u16,
     /// What it found in `BASEPRI`.
     mask: u8,
-    /// When it was entered, unless the node was still starting.
-    at: Option<u64>,
     /// Its position in the analysed graph, if it is watched.
     activation: Option<Activation>,
 }
@@ -325,8 +321,7 @@ impl Follower {
         }
         let watch = self.watches.get(&exception);
         let began = *self.began.get_or_insert(now);
-        let noted = watch.is_some() && now - began >= self.start_up;
-        if noted {
+        if watch.is_some() && now - began >= self.start_up {
             let mut findings = lock(&self.findings);
             let found = findings.handlers.entry(exception).or_default();
             note_time(&mut found.entered, self.starts, now);
@@ -334,7 +329,6 @@ impl Follower {
         self.stack.push(InHand {
             exception,
             mask,
-            at: noted.then_some(now),
             activation: watch.map(|watch| watch.activation()),
         });
     }
@@ -344,16 +338,9 @@ impl Follower {
             return;
         };
         let mut findings = lock(&self.findings);
-        let watch = self.watches.get(&ended.exception);
-        if let Some((activation, watch)) = ended.activation.as_ref().zip(watch) {
+        if ended.activation.is_some() {
             let found = findings.handlers.entry(ended.exception).or_default();
             found.activations += 1;
-            if let Some(at) = ended.at {
-                for function in watch.entered(activation) {
-                    let runs = found.calling.entry(function.to_owned()).or_default();
-                    note_time(runs, self.starts, at);
-                }
-            }
         }
         if ended.mask != left {
             let refuted = Refuted::Mask {

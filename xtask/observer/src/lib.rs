@@ -89,10 +89,6 @@ pub fn note(
     };
     seen.followed += found.activations;
     seen.entered.extend(runs(&found.entered));
-    for (function, entered) in &found.calling {
-        let calling = seen.calling.entry(function.clone()).or_default();
-        calling.extend(runs(entered));
-    }
     if let Some(image) = image {
         let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
         seen.refuted.extend(sentences);

@@ -123,7 +123,6 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         all.push(OF_SOFTWARE_TASKS.of_a_run());
     }
     all.extend(pended(models));
-    all.extend(never_called(models));
     for (model, table) in &models.nodes {
         let runs = format!(
             "{} runs at {} MHz",
@@ -254,32 +253,4 @@ pub fn summarised(nodes: &[NodeReport], watched: bool) -> Option<String> {
             all.join("; ")
         )
     })
-}
-
-/// What the table says that certain jobs never call; equal sentences of several nodes are one.
-fn never_called(models: &Models) -> BTreeSet<String> {
-    let mut never: BTreeMap<String, Vec<&str>> = BTreeMap::new();
-    for (model, _) in &models.nodes {
-        for task in &model.tasks {
-            for (kind, functions) in &task.never {
-                let what = format!(
-                    "A job of {} for {} never calls {}.",
-                    task.name,
-                    kind.name(),
-                    functions.join(" or ")
-                );
-                never.entry(what).or_default().push(&model.name);
-            }
-        }
-    }
-    never
-        .into_iter()
-        .map(|(what, nodes)| {
-            format!(
-                "{what} This holds on {}. Who writes the task table makes sure; an observed run in which more \
-                 jobs call it than there are others fails.",
-                nodes.join(", ")
-            )
-        })
-        .collect()
 }

@@ -18,6 +18,7 @@ use wcet::ipet::Line;
 use wcet::lasting::{Known, UnknownStores};
 use wcet::mask;
 use wcet::part::Part;
+use wcet::reading::Reading;
 use wcet::software::TIMER_QUEUE;
 use wcet::stack::{FRAME_FPU, Stacks};
 use wcet::timing::Timings;
@@ -182,18 +183,6 @@ pub enum ExecutionError {
         /// The heading of its row, if the priority stands there.
         row: Option<String>,
     },
-    /// It has no such function as the task table excludes.
-    #[error(
-        "the image of {node} has no function {function}, which the task table lists under `never` of {task}"
-    )]
-    NoFunction {
-        /// The node.
-        node: String,
-        /// The task.
-        task: String,
-        /// The function.
-        function: String,
-    },
 }
 
 /// What the image gives to a handler, in a sentence.
@@ -217,8 +206,7 @@ impl Execution {
     /// the current step.
     ///
     /// # Errors
-    /// The image has no handler of the model, one that is not in the model and may return, or not
-    /// a function that the task table excludes.
+    /// The image has no handler of the model, or one that is not in the model and may return.
     pub fn of(
         node: &NodeModel,
         table: &NodeTable,
@@ -266,6 +254,22 @@ fn vector(number: u16) -> String {
     match number.checked_sub(FIRST_INTERRUPT) {
         Some(interrupt) => format!("{number} (interrupt {interrupt})"),
         None => number.to_string(),
+    }
+}
+
+/// What a receive interrupt reads of a data frame with this identifier: the oldest one in the first FIFO of both
+/// parts' bxCAN, until that is released (RM0390 30.9.2 and 30.9.3, RM0316 31.9.2 and 31.9.3).
+fn received(identifier: u16) -> Reading {
+    const RI0R: u32 = 0x4000_65b0;
+    const RF0R: u32 = 0x4000_640c;
+    /// Releases the mailbox.
+    const RFOM0: u32 = 1 << 5;
+    /// Where a standard identifier stands; of a data frame, the bits below it are zero.
+    const STID: u32 = 21;
+    Reading {
+        register: RI0R,
+        word: u32::from(identifier) << STID,
+        until: (RF0R, RFOM0),
     }
 }
 
@@ -325,16 +329,8 @@ impl Analyser<'_> {
         let overhead = self.timings.around_handler(bound.uses_fpu);
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
-        let watch = bound.problems.is_empty().then(|| {
-            let mut watch = Watch::new(&mut self.analysis, entry, &bound);
-            let names: BTreeSet<&String> = task.never.values().flatten().collect();
-            for name in names {
-                if let Some(address) = self.image.function_ending(name) {
-                    watch.note(address, name);
-                }
-            }
-            Arc::new(watch)
-        });
+        let watch = (bound.problems.is_empty())
+            .then(|| Arc::new(Watch::new(&mut self.analysis, entry, &bound)));
         let image = self.image;
         let panics = bound.panics.iter();
         let panics = panics.map(|site| format!("{} -> {}", image.describe(site.at), site.callee));
@@ -343,7 +339,7 @@ impl Analyser<'_> {
             problems.insert(problem);
         }
         let handler = Handler {
-            kinds: self.kinds(task, entry)?,
+            kinds: self.kinds(task, entry),
             // Both are bounds, and either may be the smaller one: the search over paths knows
             // the history of each path, the integer program knows the annotations about all
             // paths together.
@@ -376,29 +372,21 @@ impl Analyser<'_> {
         })
     }
 
-    /// Bounds of the jobs of a task that never call certain functions, by their kind.
-    fn kinds(
-        &mut self,
-        task: &TaskModel,
-        entry: u32,
-    ) -> Result<BTreeMap<Kind, Cycles>, ExecutionError> {
+    /// Bounds of the jobs of a task that receive a frame, by their kind: the longest of the jobs for each of its
+    /// identifiers.
+    fn kinds(&mut self, task: &TaskModel, entry: u32) -> BTreeMap<Kind, Cycles> {
         let mut kinds = BTreeMap::new();
-        for (kind, names) in &task.never {
-            let address = |name: &String| {
-                let missing = || ExecutionError::NoFunction {
-                    node: self.node.name.clone(),
-                    task: task.name.clone(),
-                    function: name.clone(),
-                };
-                self.image.function_ending(name).ok_or_else(missing)
-            };
-            let never = names.iter().map(address).collect::<Result<_, _>>()?;
-            let without = self.analysis.run_without(entry, Entry::Handler, &never);
-            if without.problems.is_empty() {
-                kinds.insert(*kind, without.cycles);
-            }
+        for (kind, identifiers) in &task.received {
+            let bounds = identifiers.iter().map(|identifier| {
+                let bound = self.analysis.run_reading(entry, received(*identifier));
+                bound.problems.is_empty().then_some(bound.cycles)
+            });
+            let longest = bounds
+                .reduce(|a, b| a.zip(b).map(|(a, b)| a.max(b)))
+                .flatten();
+            kinds.extend(longest.map(|longest| (*kind, longest)));
         }
-        Ok(kinds)
+        kinds
     }
 
     /// Analyses start-up and the idle code.

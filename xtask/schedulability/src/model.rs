@@ -41,8 +41,8 @@ pub struct TaskModel {
     pub coalesces: bool,
     /// True for a software task, which a dispatcher runs.
     pub dispatched: bool,
-    /// Functions that jobs of a kind never call.
-    pub never: BTreeMap<Kind, Vec<String>>,
+    /// The identifiers of the frames that its jobs of a kind receive, if only frames release it.
+    pub received: BTreeMap<Kind, Vec<u16>>,
 }
 
 /// A node, without its execution times.
@@ -167,9 +167,17 @@ impl NodeModel {
         let bus = Bus::new(network, name, table.board.transmit_lead)
             .with_errors(errors)
             .with_priorities_apart(apart(&present(app, table), table));
-        Self::with(name, app, table, file, |entry| {
+        let mut model = Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
-        })
+        })?;
+        for task in &mut model.tasks {
+            let mut rows = table.task.iter();
+            let row = rows.find(|(row, _)| **row == task.name).map(|(_, row)| row);
+            if row.is_some_and(|row| row.on.as_slice() == [BusEvent::FrameReceived]) {
+                task.received = bus.received();
+            }
+        }
+        Ok(model)
     }
 
     /// The model of an application whose releases and deadlines do not depend on a bus. The rows of its
@@ -303,7 +311,7 @@ impl NodeModel {
                 jitter: entry.jitter_us * MICROSECOND,
                 after: entry.after.clone(),
                 off_bus: entry.off_bus,
-                never: entry.never.clone(),
+                received: BTreeMap::new(),
                 coalesces: entry.on.as_slice().is_empty()
                     && (task == interrupt || of_app.is_some_and(|of_app| of_app.binds.is_some())),
                 dispatched: task != interrupt && of_app.is_none_or(|of_app| of_app.binds.is_none()),

@@ -32,8 +32,6 @@ pub struct Seen {
     pub followed: u64,
     /// When it was entered, for each start of the node in each run.
     pub entered: Vec<Entered>,
-    /// The same of those activations that entered a function, for each one that `never` lists.
-    pub calling: BTreeMap<String, Vec<Entered>>,
     /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
 }
@@ -374,7 +372,7 @@ impl<'a> Scheduled<'a> {
 
     /// What the activations seen contradict: the analysis of their paths, or the releases that are
     /// counted.
-    fn refuted(&self, at: usize, task: &TaskModel, seen: &Seen) -> BTreeSet<String> {
+    fn refuted(&self, at: usize, seen: &Seen) -> BTreeSet<String> {
         let mut refuted = seen.refuted.clone();
         let Ok(response) = &self.results[at] else {
             return refuted;
@@ -394,23 +392,6 @@ impl<'a> Scheduled<'a> {
                 excess.most
             )
         }));
-        for (function, runs) in &seen.calling {
-            let may_call = those_that_may_call(arrivals, task, function);
-            let excess = runs.iter().find_map(|run| {
-                let excess = activations::excess(&may_call, response.worst, &run.at)?;
-                Some((&run.scenario, excess))
-            });
-            refuted.extend(excess.map(|(scenario, excess)| {
-                format!(
-                    "it called {function} in {} jobs within {}, {} after power-on in {scenario}, and only {} of \
-                     its jobs may in that time by `never` of the task table",
-                    excess.seen,
-                    time(excess.span),
-                    time(excess.begin),
-                    excess.most
-                )
-            }));
-        }
         refuted
     }
 
@@ -456,7 +437,7 @@ impl<'a> Scheduled<'a> {
             overhead: bound.overhead,
             observed: seen.map(|seen| seen.without_preemptions(bound.lost)),
             followed: seen.map_or(0, |seen| seen.followed),
-            refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, task, seen)),
+            refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, seen)),
             cost: shared.cost,
             period: task.arrivals.distance(1, task.jitter),
             at_once: task.arrivals.count(1, task.jitter),
@@ -483,16 +464,6 @@ impl<'a> Scheduled<'a> {
             program: bound.program,
         })
     }
-}
-
-/// The releases without those of a kind whose jobs never call `function`, by the task table.
-fn those_that_may_call(arrivals: &Arrivals, task: &TaskModel, function: &str) -> Arrivals {
-    let mut arrivals = arrivals.clone();
-    arrivals.timed.retain(|table| {
-        let never = task.never.get(&table.kind);
-        !never.is_some_and(|never| never.iter().any(|name| name == function))
-    });
-    arrivals
 }
 
 /// The releases of a task, with a bound of its own for each kind of job that has one.

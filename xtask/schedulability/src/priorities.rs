@@ -267,7 +267,7 @@ mod tests {
             off_bus: false,
             coalesces: true,
             dispatched: false,
-            never: std::collections::BTreeMap::new(),
+            received: std::collections::BTreeMap::new(),
         }
     }
 

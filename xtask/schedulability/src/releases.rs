@@ -21,6 +21,8 @@
 
 mod disturbed;
 
+use std::collections::BTreeMap;
+
 use network_model::{Message, Network, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, JobId, Kind, Timetable};
@@ -187,6 +189,28 @@ impl<'a> Bus<'a> {
             })
             .filter(|table| !table.jobs.is_empty())
             .collect()
+    }
+
+    /// The identifiers of the frames of other nodes, by the kind of the jobs that receive them. A message of an
+    /// exclusive window may come in an arbitrating one, too, if its sender may send it late.
+    #[must_use]
+    pub fn received(&self) -> BTreeMap<Kind, Vec<u16>> {
+        let mut received: BTreeMap<Kind, Vec<u16>> = BTreeMap::new();
+        let messages = self.network.messages.iter();
+        for message in messages.filter(|message| !self.is_own(message)) {
+            let kinds: &[Kind] = match message.window.kind {
+                WindowKind::Reference => &[Kind::Reference],
+                WindowKind::Exclusive if message.retry_late => {
+                    &[Kind::Exclusive, Kind::Arbitrating]
+                }
+                WindowKind::Exclusive => &[Kind::Exclusive],
+                WindowKind::Arbitrating => &[Kind::Arbitrating],
+            };
+            for kind in kinds {
+                received.entry(*kind).or_default().push(message.id);
+            }
+        }
+        received
     }
 
     /// Deadline for handling a frame: the three-deep receive FIFO overruns after three more frames.

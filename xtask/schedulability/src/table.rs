@@ -10,7 +10,7 @@ use std::num::NonZeroU32;
 use network_model::Network;
 use serde::Deserialize;
 
-use crate::arrivals::{Kind, Sporadic};
+use crate::arrivals::Sporadic;
 use crate::board::Board;
 use crate::can::{ErrorRate, LONGEST_INTERVAL_MS, MOST_ERRORS};
 use crate::transfers::Transfers;
@@ -488,10 +488,6 @@ pub struct TaskTable {
     pub receives: Several<String>,
     /// Delay from the handling of these messages to its release ([`Table::resolve`]).
     pub delay: Option<Delay>,
-    /// Functions that its jobs of a kind never call. Those jobs get a bound of their own,
-    /// without the functions.
-    #[serde(default)]
-    pub never: BTreeMap<Kind, Vec<String>>,
     /// Instants of the basic cycle at which it is released, in microseconds.
     #[serde(default)]
     pub at_us: Several<u64>,
@@ -839,8 +835,6 @@ impl Table {
                 }
                 task.at = None;
                 task.at_us = Several::default();
-                // The functions of the schedule are not in the images.
-                task.never.clear();
                 let by_window = matches!(task.by, Some(By::Message(_)));
                 if by_window || task.check().is_err() {
                     return Err(TableError {

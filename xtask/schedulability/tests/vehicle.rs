@@ -14,7 +14,7 @@ use schedulability::can::ErrorRate;
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
 use schedulability::models::{Files, Models, Supplements};
-use schedulability::node::{Entered, Observed, Seen, schedule};
+use schedulability::node::{Observed, Seen, schedule};
 use schedulability::priorities;
 use schedulability::releases::Bus;
 use schedulability::results::{NodeReport, Report, TaskReport, Tolerance};
@@ -211,36 +211,29 @@ fn the_table_fits_the_sources() {
     }
 }
 
-/// A reference message comes once in a basic cycle, and only its job may call `take_reference`.
-/// What a run refutes in which `can_rx` calls `take_reference` at these microseconds.
-fn refuted_by_calls(model: &NodeModel, table: &NodeTable, at_us: &[u64]) -> BTreeSet<String> {
-    let execution = execution(model, table, 10);
-    let mut tasks = model.tasks.iter();
-    let can_rx = tasks.find(|task| task.name == "can_rx").unwrap();
-    let of_function = Entered {
-        scenario: "a run".into(),
-        at: at_us.iter().map(|us| us * 1_000_000).collect(),
-    };
-    let seen = Seen {
-        calling: BTreeMap::from([("take_reference".to_owned(), vec![of_function])]),
-        ..Seen::default()
-    };
-    let observed = Observed::from([(can_rx.interrupt.clone(), seen)]);
-    let node = schedule(model, table, &execution, Some(&observed));
-    task(&node, "can_rx").refuted.clone()
-}
-
 #[test]
-fn a_function_that_never_is_called_and_is_refutes_the_table() {
-    let (model, table) = model_with("steering", &source("steering"), ErrorRate::NONE).unwrap();
-    let refuted = |at_us: &[u64]| refuted_by_calls(&model, &table, at_us);
-    assert_eq!(refuted(&[5000, 105_000, 205_000, 305_000]), BTreeSet::new());
-    let sentence = "it called take_reference in 2 jobs within 3000.00 us, 105.00 ms after power-on in a run, and \
-         only 1 of its jobs may in that time by `never` of the task table";
-    assert_eq!(
-        refuted(&[5000, 105_000, 108_000, 205_000]),
-        BTreeSet::from([sentence.to_owned()])
+fn the_jobs_of_a_kind_receive_the_messages_of_the_other_nodes() {
+    let (gps, _) = model_with("gps", &source("gps"), ErrorRate::NONE).unwrap();
+    let of = |name: &str| {
+        &gps.tasks
+            .iter()
+            .find(|task| task.name == name)
+            .unwrap()
+            .received
+    };
+    assert_eq!(of("can_rx")[&Kind::Reference], [101]);
+    let exclusive = &of("can_rx")[&Kind::Exclusive];
+    assert!(
+        exclusive.contains(&300) && !exclusive.contains(&200),
+        "{exclusive:?}"
     );
+    let arbitrating = &of("can_rx")[&Kind::Arbitrating];
+    assert!(
+        arbitrating.contains(&512) && !arbitrating.contains(&511),
+        "{arbitrating:?}"
+    );
+    // Its jobs are released by other events, too.
+    assert!(of("window_timer").is_empty());
 }
 
 #[test]
@@ -390,15 +383,6 @@ fn a_disturbed_frame_ends_attempts_and_may_come_twice() {
             rates.map(|rate| jobs_with(rate, "steering", task, Kind::Arbitrating));
         assert_eq!(disturbed.len(), clean.len() + 1, "{task}");
     }
-}
-
-/// With an error in 100 ms, two references may come in one cycle, but no three.
-#[test]
-fn a_repeated_reference_may_call_what_a_reference_calls() {
-    let (model, table) = model("steering", &source("steering")).unwrap();
-    let refuted = |at_us: &[u64]| !refuted_by_calls(&model, &table, at_us).is_empty();
-    assert!(!refuted(&[5000, 105_000, 105_700, 205_000]));
-    assert!(refuted(&[5000, 105_000, 105_700, 106_400, 205_000]));
 }
 
 #[test]

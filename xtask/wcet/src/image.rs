@@ -433,17 +433,6 @@ impl Image {
         self.functions.iter().map(|(address, f)| (*address, f))
     }
 
-    /// The function whose demangled path ends with `path`.
-    pub fn function_ending(&self, path: &str) -> Option<u32> {
-        self.functions()
-            .find(|(address, _)| {
-                let name = self.name(*address);
-                name.strip_suffix(path)
-                    .is_some_and(|rest| rest.is_empty() || rest.ends_with("::"))
-            })
-            .map(|(address, _)| address)
-    }
-
     /// Address of a linker symbol, with the Thumb bit cleared.
     #[must_use]
     pub fn symbol(&self, name: &str) -> Option<u32> {

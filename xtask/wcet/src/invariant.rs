@@ -279,6 +279,10 @@ impl Invariant {
             state.escaped = true;
             confirmed = false;
         }
+        if after.moved_up && !state.moved_up {
+            state.moved_up = true;
+            confirmed = false;
+        }
         if after.started && !state.started {
             state.started = true;
             symbols.mixed = true;

@@ -39,6 +39,7 @@ pub mod part;
 pub mod pend;
 mod program;
 mod range;
+pub mod reading;
 pub mod register;
 mod runtime;
 mod signatures;

@@ -90,6 +90,8 @@ pub(crate) struct State {
     pub started: bool,
     /// True if a reset of the part was requested.
     pub resetting: bool,
+    /// True if the register of which the word is known ([`crate::reading::Reading`]) may give another.
+    pub moved_up: bool,
 }
 
 impl State {
@@ -128,6 +130,7 @@ impl State {
             masked: Vec::new(),
             started: true,
             resetting: false,
+            moved_up: false,
         }
     }
 
@@ -300,6 +303,7 @@ impl State {
             masked: join_sections(&self.masked, &other.masked),
             started: self.started || other.started,
             resetting: self.resetting && other.resetting,
+            moved_up: self.moved_up || other.moved_up,
         }
     }
 
@@ -311,6 +315,7 @@ impl State {
             || self.primask != other.primask
             || self.faultmask != other.faultmask
             || self.escaped != other.escaped
+            || self.moved_up != other.moved_up
             || self.stack.as_slice().len() != other.stack.as_slice().len()
         {
             return false;

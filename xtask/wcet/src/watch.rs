@@ -90,8 +90,6 @@ enum Event {
     Outside(usize),
     /// A block with a limit for the whole activation.
     Times(usize),
-    /// The begin of a function that is listed.
-    Enters(usize),
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -123,8 +121,6 @@ pub struct Watch {
     loops: Vec<Loop>,
     /// Places of blocks, with the number of executions that is allowed.
     blocks: Vec<(String, u64)>,
-    /// Functions of which it is noted whether an activation entered them.
-    functions: Vec<String>,
 }
 
 /// The counts of one activation that is being followed.
@@ -132,7 +128,6 @@ pub struct Watch {
 pub struct Activation {
     turns: Vec<u64>,
     times: Vec<u64>,
-    entered: Vec<bool>,
     /// Address of the last instruction.
     last: u32,
 }
@@ -159,7 +154,6 @@ impl Watch {
             events: Vec::new(),
             loops: Vec::new(),
             blocks: Vec::new(),
-            functions: Vec::new(),
         };
         for address in code() {
             watch.marks[((address - base) / 2) as usize] = QUIET;
@@ -237,19 +231,6 @@ impl Watch {
         }
     }
 
-    /// Notes from now on whether an activation enters the function `name` at `address`.
-    pub fn note(&mut self, address: u32, name: &str) {
-        self.add(address, Event::Enters(self.functions.len()));
-        self.functions.push(name.to_owned());
-    }
-
-    /// Those of the noted functions that an activation has entered.
-    pub fn entered(&self, activation: &Activation) -> impl Iterator<Item = &str> {
-        let all = self.functions.iter().zip(&activation.entered);
-        all.filter(|(_, entered)| **entered)
-            .map(|(name, _)| name.as_str())
-    }
-
     /// Address of the first instruction.
     #[must_use]
     pub fn entry(&self) -> u32 {
@@ -262,7 +243,6 @@ impl Watch {
         Activation {
             turns: vec![0; self.loops.len()],
             times: vec![0; self.blocks.len()],
-            entered: vec![false; self.functions.len()],
             last: NOTHING,
         }
     }
@@ -311,7 +291,6 @@ impl Watch {
                         });
                     }
                 }
-                Event::Enters(number) => activation.entered[number] = true,
                 Event::Times(number) => {
                     let (at, most) = &self.blocks[number];
                     activation.times[number] += 1;

@@ -9,6 +9,8 @@ mod flow;
 mod lasting;
 #[path = "kernels/masked.rs"]
 mod masked;
+#[path = "kernels/received.rs"]
+mod received;
 
 use std::collections::HashMap;
 use std::path::Path;

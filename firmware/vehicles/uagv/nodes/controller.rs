@@ -125,16 +125,6 @@ mod app {
             clocks: sled.clocks,
             secret: Secret::read(&sled.secret),
         };
-        let Ok(mut link) = node::link(
-            cx.local.stack,
-            identity(CONTROLLER),
-            &start,
-            sled.can,
-            sled.clock,
-            sled.alarms,
-        ) else {
-            fault::stop(Fault::Start)
-        };
         let (Some(operator), Ok(mut pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
@@ -143,6 +133,18 @@ mod app {
         #[cfg(mission)]
         let Ok(mission) = mission::plan(&mut pilot, sled.mission, cx.local.words, &start.secret)
         else {
+            fault::stop(Fault::Start)
+        };
+        // Behind whatever stores through addresses that only the running program knows: the analysis of execution
+        // times would forget where the node's schedule is.
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            identity(CONTROLLER),
+            &start,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
             fault::stop(Fault::Start)
         };
         link.release_in(BASIC_CYCLE);

@@ -67,6 +67,9 @@ mod app {
             clocks: sled.clocks,
             secret: Secret::read(&sled.secret),
         };
+        let session = Session::of(Actuator::Drive, start.secret, &mut sled.starts);
+        // Behind whatever stores through addresses that only the running program knows: the analysis of execution
+        // times would forget where the node's schedule is.
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(DRIVE),
@@ -77,7 +80,6 @@ mod app {
         ) else {
             fault::stop(Fault::Start)
         };
-        let session = Session::of(Actuator::Drive, start.secret, &mut sled.starts);
         let mut driving = Driving::new(
             Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
             start.secret,

@@ -72,6 +72,9 @@ mod app {
             clocks: sled.clocks,
             secret: Secret::read(&sled.secret),
         };
+        let session = Session::of(Actuator::Steering, start.secret, &mut sled.starts);
+        // Behind whatever stores through addresses that only the running program knows: the analysis of execution
+        // times would forget where the node's schedule is.
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(STEERING),
@@ -85,7 +88,6 @@ mod app {
         let Some(pot) = sled.rest.pot() else {
             fault::stop(Fault::Start)
         };
-        let session = Session::of(Actuator::Steering, start.secret, &mut sled.starts);
         let mut steering = Steering::new(
             Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
             start.secret,

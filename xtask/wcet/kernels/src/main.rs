@@ -17,6 +17,8 @@ mod ends;
 #[cfg(target_has_atomic = "32")]
 mod masked;
 #[cfg(target_has_atomic = "32")]
+mod received;
+#[cfg(target_has_atomic = "32")]
 mod start;
 mod text;
 
@@ -150,6 +152,17 @@ pub static MASKED: [fn(); 31] = [
     masked::restore_past_pointer,
     masked::disable_interrupt,
     masked::sleep_in_a_handler,
+];
+
+/// Handlers that read from a device which path to take.
+#[cfg(target_has_atomic = "32")]
+#[used]
+pub static RECEIVED: [fn(); 5] = [
+    received::take,
+    received::take_next,
+    received::take_two,
+    received::take_or_skip,
+    received::take_by_mask,
 ];
 
 /// Handlers that do not return.

@@ -54,9 +54,6 @@ impl Run<'_, '_> {
         back: u32,
         state: State,
     ) -> Option<State> {
-        if self.never.contains(&target) {
-            return None;
-        }
         let name = self.program.image.name(target);
         if is_end(&name) && self.kind != Entry::Fault {
             self.end_path(state.cycles);

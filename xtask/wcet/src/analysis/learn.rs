@@ -1,6 +1,5 @@
 //! What the program is known to keep in its memory ([`lasting`](crate::lasting)).
 
-use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use crate::bound::{Bound, Entry, Problem};
@@ -76,8 +75,7 @@ impl Analysis<'_> {
         // then run again with them, as each handler is.
         let blind = lost || memory.written.contains(&Extent::EVERYWHERE);
         if blind {
-            let (start, left) =
-                self.explore_in((main, Entry::Program), &[], &BTreeSet::new(), true);
+            let (start, left) = self.explore_in((main, Entry::Program), &[], None, true);
             lost = left.lost || is_not_followed(&start);
             memory.left = left.left;
             memory.touched = left.touched;

@@ -14,7 +14,7 @@ mod loops;
 mod run;
 mod walk;
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 use std::rc::Rc;
 
 use run::Run;
@@ -29,6 +29,7 @@ use super::ipet::{self, Longest};
 use super::lasting::{Choices, Memory, SystemWrites, Words, Written};
 use super::part::Part;
 use super::program::Program;
+use super::reading::Reading;
 use super::register::Register;
 use super::timing::Timings;
 
@@ -84,10 +85,10 @@ impl<'a> Analysis<'a> {
         }
     }
 
-    /// Bounds the code at `entry`, for activations that never enter any of the functions
-    /// `never`.
-    pub fn run_without(&mut self, entry: u32, kind: Entry, never: &BTreeSet<u32>) -> Bound {
-        self.explore_without(entry, kind, &[], never).0
+    /// Bounds the handler at `entry`, for the activations that read this from a device.
+    pub fn run_reading(&mut self, entry: u32, reading: Reading) -> Bound {
+        self.explore_in((entry, Entry::Handler), &[], Some(reading), false)
+            .0
     }
 
     /// Bounds the code at `entry`, entered with these words in core registers.
@@ -114,17 +115,7 @@ impl<'a> Analysis<'a> {
         kind: Entry,
         registers: &[(Register, u32)],
     ) -> (Bound, Memory) {
-        self.explore_without(entry, kind, registers, &BTreeSet::new())
-    }
-
-    fn explore_without(
-        &mut self,
-        entry: u32,
-        kind: Entry,
-        registers: &[(Register, u32)],
-        never: &BTreeSet<u32>,
-    ) -> (Bound, Memory) {
-        self.explore_in((entry, kind), registers, never, false)
+        self.explore_in((entry, kind), registers, None, false)
     }
 
     /// Bounds the code at `entry`, or only the part before a task can run, and collects the facts about memory.
@@ -135,7 +126,7 @@ impl<'a> Analysis<'a> {
         &mut self,
         (entry, kind): (u32, Entry),
         registers: &[(Register, u32)],
-        never: &BTreeSet<u32>,
+        reading: Option<Reading>,
         until_start: bool,
     ) -> (Bound, Memory) {
         loop {
@@ -148,7 +139,8 @@ impl<'a> Analysis<'a> {
                 holds: self.holds,
                 ..Memory::default()
             };
-            let mut run = Run::new(&mut self.program, on, kind, never, known);
+            let mut run = Run::new(&mut self.program, on, kind, known);
+            run.executor.reading = reading;
             run.until_start = until_start;
             let outcome = run.whole(entry, registers);
             if outcome.found.is_empty() {

@@ -59,8 +59,6 @@ pub(super) struct Run<'r, 'a> {
     pub(super) program: &'r mut Program<'a>,
     pub(super) timings: Timings,
     pub(super) kind: Entry,
-    /// Functions that are not entered.
-    pub(super) never: &'r BTreeSet<u32>,
     pub(super) executor: Executor<'a>,
     /// Whether paths end where the first task can run.
     pub(super) until_start: bool,
@@ -98,7 +96,6 @@ impl<'r, 'a> Run<'r, 'a> {
         program: &'r mut Program<'a>,
         (part, timings): (Part, Timings),
         kind: Entry,
-        never: &'r BTreeSet<u32>,
         memory: Memory,
     ) -> Self {
         let mut symbols = Symbols::new(program.image.variables());
@@ -109,13 +106,13 @@ impl<'r, 'a> Run<'r, 'a> {
             found_basepri: symbols.fresh(),
             found_primask: [symbols.fresh(), symbols.fresh()],
             symbols,
+            reading: None,
             memory,
         };
         Self {
             program,
             timings,
             kind,
-            never,
             executor,
             until_start: false,
             frames: Vec::new(),

@@ -8,6 +8,7 @@ use crate::lasting::Memory;
 use crate::mask::Masked;
 use crate::part::Part;
 use crate::range::Range;
+use crate::reading::Reading;
 use crate::symbols::Symbols;
 use crate::value::{Symbol, Value};
 
@@ -55,6 +56,8 @@ pub(crate) struct Executor<'a> {
     pub found_basepri: Symbol,
     /// What is read from `PRIMASK`, by the bit there.
     pub found_primask: [Symbol; 2],
+    /// What a register of a device gives.
+    pub reading: Option<Reading>,
     /// Facts about memory outside the stack.
     pub memory: Memory,
 }

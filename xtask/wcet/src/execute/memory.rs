@@ -45,6 +45,9 @@ impl Step<'_, '_> {
         if let Some(enabled) = self.enabled_interrupts(address, size) {
             return enabled;
         }
+        if let Some(word) = self.reading(address, size) {
+            return word;
+        }
         if let Some(at) = address.as_constant()
             && let Some(word) = self.held(at, size)
         {
@@ -71,6 +74,30 @@ impl Step<'_, '_> {
             stack: size == 4 && (on_stack || self.state.escaped),
             ..unknown(size, signed)
         }
+    }
+
+    /// What the register of a device gives of which the word is known.
+    fn reading(&mut self, address: &Value, size: u32) -> Option<Value> {
+        let reading = self.machine.reading.as_ref()?;
+        if self.state.moved_up || size != 4 || address.as_constant() != Some(reading.register) {
+            return None;
+        }
+        Some(Value::constant(reading.word))
+    }
+
+    /// Takes note of a store that may change what this register gives.
+    fn move_up(&mut self, address: &Value, size: u32, value: &Value) {
+        let Some(reading) = &self.machine.reading else {
+            return;
+        };
+        let (register, bits) = reading.until;
+        let exact = size == 4 && address.as_constant() == Some(register);
+        if exact && value.as_constant().is_some_and(|word| word & bits == 0) {
+            return;
+        }
+        let reached = reach(&self.machine.symbols, address, size);
+        let until = Extent::new(register, register + 3);
+        self.state.moved_up |= reached.is_some_and(|reached| reached.meet(until).is_some());
     }
 
     /// Whether an access to `address` may reach the stack.
@@ -150,6 +177,7 @@ impl Step<'_, '_> {
     /// Stores the low `size` bytes of `value`.
     pub(super) fn store(&mut self, address: &Value, size: u32, value: &Value) {
         self.note_write(address, size, value);
+        self.move_up(address, size, value);
         self.state.resetting |= address.as_constant() == Some(AIRCR) && requests_reset(value);
         self.lend(address, value);
         self.note_pends(address, size, value);
