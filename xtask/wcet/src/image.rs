@@ -112,6 +112,23 @@ impl Variables {
         (address - start < *size).then(|| Extent::new(*start, start + size - 1))
     }
 
+    /// Everything with an index that the program may compute: the arrays, or all variables if none is known. The
+    /// room of a software task's future is an array by its type only; nobody computes an index into it.
+    pub fn indexable(&self) -> impl Iterator<Item = Extent> {
+        let all = self.sizes.iter().filter(|(_, size)| **size > 0);
+        let whole = all.map(|(start, size)| Extent::new(*start, start + (size - 1)));
+        let whole = whole.filter(|_| self.arrays.is_empty());
+        let arrays = self.arrays.iter().copied().chain(whole);
+        arrays.filter(|array| !self.is_of_a_future(array.first))
+    }
+
+    /// Whether RTIC keeps the future of a software task at `address`.
+    fn is_of_a_future(&self, address: u32) -> bool {
+        let first = self.around(address).map(|variable| variable.first);
+        let name = first.and_then(|first| self.names.get(&first));
+        name.is_some_and(|name| name.contains("::__rtic_internal_") && name.ends_with("_EXEC"))
+    }
+
     /// The array that holds `address`, if one does.
     #[must_use]
     pub fn array(&self, address: u32) -> Option<Extent> {

@@ -26,8 +26,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::extent::Extent;
 use super::image::FIRST_INTERRUPT;
-use super::layout::{BIT_BAND, STACK};
+use super::layout::{BIT_BAND, RAM, STACK};
 use super::pend::Pend;
+use super::range::Range;
 use super::symbols::Symbols;
 use super::value::Value;
 
@@ -311,6 +312,16 @@ pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<Extent> {
     let both = within.and_then(|within| within.meet(range));
     let near = (range.span() < FAR).then_some(range);
     both.or(near).or(within).or(Some(Extent::EVERYWHERE))
+}
+
+/// Whether `address` is the sum of a constant address and an index without a limit. A constant part of the index may
+/// have made the address that of another variable than the array, or of none, so any array may be meant.
+#[must_use]
+pub fn is_anywhere_in_arrays(symbols: &Symbols, address: &Value) -> bool {
+    let of_data = |(_, offset): (_, Range)| offset.meet(RAM) == Some(offset);
+    address.range.span() >= FAR
+        && places(symbols, address).is_none()
+        && (symbols.indexed(address).is_some() || address.base.is_some_and(of_data))
 }
 
 /// Every address that `address` may be, if these are few: a pointer that is null or leads to

@@ -95,7 +95,7 @@ pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory
 /// A start-up function, and handlers that may run after it.
 #[cfg(target_has_atomic = "32")]
 #[used]
-pub static HANDLERS: [fn(); 19] = [
+pub static HANDLERS: [fn(); 24] = [
     start::set_up,
     start::set_up_with_an_alarm,
     start::set_up_with_a_task,
@@ -104,6 +104,11 @@ pub static HANDLERS: [fn(); 19] = [
     start::set_up_if_unclaimed,
     start::set_up_if_still_unclaimed,
     start::set_up_in_parts,
+    start::set_up_an_element,
+    start::use_element,
+    start::move_any_element,
+    start::move_folded_element,
+    start::move_far_folded_element,
     start::set_up_in_parts_but_one,
     start::use_pointer,
     start::use_index,

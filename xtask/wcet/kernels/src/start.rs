@@ -7,6 +7,7 @@ static VALUES: [AtomicU32; 16] = [const { AtomicU32::new(0) }; 16];
 static OTHERS: [AtomicU32; 16] = [const { AtomicU32::new(0) }; 16];
 static PLACE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
 static CHOICE: AtomicPtr<AtomicU32> = AtomicPtr::new(core::ptr::null_mut());
+static PLACES: [AtomicPtr<AtomicU32>; 16] = [const { AtomicPtr::new(core::ptr::null_mut()) }; 16];
 static CLAIMED: AtomicU32 = AtomicU32::new(0);
 /// The analysis does not know this value.
 #[used]
@@ -82,6 +83,13 @@ pub fn set_up_if_unclaimed() {
 pub fn set_up_if_still_unclaimed() {
     CLAIMED.store(FOUND.load(Ordering::Relaxed), Ordering::Relaxed);
     set_up_if_unclaimed();
+}
+
+/// Sets one of several pointers and enables interrupts.
+pub fn set_up_an_element() {
+    PLACES[3].store(VALUES.as_ptr().cast_mut(), Ordering::Relaxed);
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsie i") };
 }
 
 /// Sets the pointer byte by byte and halfword by halfword, as compilers do beside fields of that size.
@@ -167,6 +175,37 @@ pub fn use_any_index() {
         sum = sum.wrapping_add(value.load(Ordering::Relaxed));
     }
     OTHERS[0].store(sum & 1, Ordering::Relaxed);
+}
+
+/// Changes the word to which one of several pointers leads.
+pub fn use_element() {
+    let place = PLACES[3].load(Ordering::Relaxed);
+    // SAFETY: the pointer leads to the first of sixteen elements.
+    unsafe { &*place }.store(5, Ordering::Relaxed);
+}
+
+/// Sets one of these pointers, by an index of which `FROM` is the least.
+#[inline(always)]
+fn move_element<const FROM: usize>() {
+    let index = OTHERS[0].load(Ordering::Relaxed) as usize;
+    // SAFETY: the analysis does not know the index. Nothing runs this function.
+    let place = unsafe { PLACES.get_unchecked(index.wrapping_sub(FROM)) };
+    place.store(OTHERS.as_ptr().cast_mut(), Ordering::Relaxed);
+}
+
+/// By an index from zero on.
+pub fn move_any_element() {
+    move_element::<0>();
+}
+
+/// By an index from a number on, so that the compiler's address lies in front of the array.
+pub fn move_folded_element() {
+    move_element::<40>();
+}
+
+/// The same, and that address is in front of all of memory.
+pub fn move_far_folded_element() {
+    move_element::<200_000>();
 }
 
 /// Makes the pointer lead to another array.

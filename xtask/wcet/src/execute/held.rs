@@ -19,14 +19,19 @@ impl Step<'_, '_> {
         if self.state.primask != ExceptionMask::Set {
             return;
         }
-        let touched = |at: &u32| reached.contains(*at);
-        if self.state.held.keys().any(touched) {
-            Rc::make_mut(&mut self.state.held).retain(|at, _| !touched(at));
-        }
+        self.forget_held(reached);
         let exact = address.as_constant() == Some(reached.first) && RAM.contains(reached.first);
         if let Some(word) = value.as_constant().filter(|_| exact && !value.stack) {
             let bytes = (0..size).map(|at| (reached.first + at, (word >> (8 * at)) & 0xff));
             Rc::make_mut(&mut self.state.held).extend(bytes);
+        }
+    }
+
+    /// Forgets what was stored in these bytes.
+    pub(super) fn forget_held(&mut self, bytes: Extent) {
+        let touched = |at: &u32| bytes.contains(*at);
+        if self.state.held.keys().any(touched) {
+            Rc::make_mut(&mut self.state.held).retain(|at, _| !touched(at));
         }
     }
 

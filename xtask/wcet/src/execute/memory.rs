@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use crate::extent::Extent;
-use crate::lasting::{FAR, FEW, is_priorities, places, reach};
+use crate::lasting::{FAR, FEW, is_anywhere_in_arrays, is_priorities, places, reach};
 use crate::layout::{PERIPHERALS, RAM, STACK, leads_to_memory};
 use crate::pend::{Pend, of_store, words};
 use crate::range::Range;
@@ -242,6 +242,9 @@ impl Step<'_, '_> {
             other => other,
         };
         let Some(reached) = reached else { return };
+        if is_anywhere_in_arrays(&self.machine.symbols, address) {
+            self.note_arrays();
+        }
         if reached != Extent::EVERYWHERE {
             let before = self.state.memory.get(&reached.first).copied();
             let before = before.filter(|_| !self.state.started && size == 4);
@@ -283,6 +286,24 @@ impl Step<'_, '_> {
             let anywhere = reached == Extent::EVERYWHERE;
             memory.retain(|at, _| !near.contains(at) || anywhere && is_priorities(*at));
             memory.extend(word.map(|word| (first & !3, word)));
+        }
+    }
+
+    /// Takes note of a store to any array.
+    fn note_arrays(&mut self) {
+        let image = self.machine.image;
+        for array in image.variables().indexable() {
+            self.forget_held(array);
+            if self.state.started {
+                self.machine.memory.written.insert(array);
+                self.machine.memory.stored.note(array, None);
+            } else {
+                self.touch(array);
+                let near = array.first.saturating_sub(3)..=array.last;
+                if self.state.memory.range(near.clone()).next().is_some() {
+                    Rc::make_mut(&mut self.state.memory).retain(|at, _| !near.contains(at));
+                }
+            }
         }
     }
 

@@ -89,6 +89,27 @@ fn a_word_that_handlers_set_to_few_addresses_leads_to_them() {
     }
 }
 
+/// The compiler folds the least index into the address of the array, so that it seems to be one of another variable,
+/// or of none.
+#[test]
+fn an_unknown_index_may_change_any_word_of_an_array() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let at = |name: &str| kernel(&image, &format!("start::{name}"));
+    for (other, words) in [
+        ("use_index", 1),
+        ("write_anywhere", 1),
+        ("move_any_element", 0),
+        ("move_folded_element", 0),
+        ("move_far_folded_element", 0),
+    ] {
+        let mut analysis = Analysis::new(&image, &annotations, &PART);
+        let handlers = [at("use_element"), at(other)];
+        let known = analysis.learn(at("set_up_an_element"), &handlers, SparePointers);
+        assert_eq!(known.lasting.len(), words, "{other}");
+    }
+}
+
 /// Stores through unresolved pointers spare the word if that is allowed. A store that is known to
 /// reach the word does not.
 #[test]
