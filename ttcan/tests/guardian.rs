@@ -184,7 +184,10 @@ fn live(bus: &mut UagvBus<Watched>, cycles: u64) -> usize {
 }
 
 fn good(seed: u64, cycles: u64, own: u32) {
-    let mut bus = network(seed, 50, 100);
+    live_well(network(seed, 50, 100), seed, cycles, own);
+}
+
+fn live_well(mut bus: UagvBus<Watched>, seed: u64, cycles: u64, own: u32) {
     bus.application.guarded.own = own;
     // In any order, and one of them perhaps much later.
     for _ in 0..NODES {
@@ -215,6 +218,17 @@ fn good_nodes_are_never_cut() {
 fn good_nodes_are_never_cut_by_their_own_guardians() {
     for seed in 0..20 {
         good(seed, 1000, ACTUATORS);
+    }
+}
+
+/// Nor are they if these look only when an edge, a rest or a limit says so.
+#[test]
+fn good_nodes_are_never_cut_by_guardians_that_edges_wake() {
+    for seed in 0..20 {
+        let mut bus = network(seed, 50, 100);
+        bus.application.guarded.by_edges = true;
+        bus.application.guarded.lateness = 10_000;
+        live_well(bus, seed, 1000, ACTUATORS);
     }
 }
 
@@ -314,8 +328,9 @@ fn check_others(bus: &UagvBus<Watched>, node: usize, cut: u64, seed: u64) {
 
 /// A node begins to send one frame after the other, and goes on when it is cut: by the guardian of all nodes, or
 /// by its own, as others have their `own`. Returns after how many microseconds it was cut.
-fn babbler(seed: u64, own: u32) -> u64 {
+fn babbler(seed: u64, own: u32, by_edges: bool) -> u64 {
     let mut bus = network(seed, 0, 100);
+    bus.application.guarded.by_edges = by_edges;
     bus.application.guarded.deaf = 0;
     let node = match own {
         0 => (seed / KINDS % NODES as u64) as usize,
@@ -382,8 +397,8 @@ fn babbler(seed: u64, own: u32) -> u64 {
 /// Each kind of frame, from each node, begun in any phase of the basic cycle.
 #[test]
 fn a_babbler_is_cut_within_a_basic_cycle_and_no_window_is_lost_after_that() {
-    for own in [0, ACTUATORS] {
-        let mut times: Vec<u64> = (0..1024).map(|seed| babbler(seed, own)).collect();
+    for (own, by_edges) in [(0, false), (ACTUATORS, false), (ACTUATORS, true)] {
+        let mut times: Vec<u64> = (0..1024).map(|seed| babbler(seed, own, by_edges)).collect();
         times.sort_unstable();
         println!(
             "own guardians {own:#b}: cut after {} us in half of the cases, {} us at most",

@@ -48,6 +48,10 @@
 //!   find 11 bits less 2 *I* of them, and that is 5.5 as long as *I* is at most 2.75 bits.
 //! * What begins on two lines between two looks has no order. If both are short, both count as pulses.
 //!
+//! A guardian of one sender can do with three looks a spell: when an edge ends the line's rest, when a limit is reached,
+//! and when the line has been quiet for the 5.5 bits that end a spell, which a timer tells that each edge resets
+//! ([`Watch::is_between_spells`]). Each of them may be late by *I*.
+//!
 //! # Two halves
 //!
 //! What a spell may be follows from the schedule, and a microcontroller does not find that out for several
@@ -208,6 +212,11 @@ impl<'s, const P: usize> Guardian<'s, P> {
     /// Whether looks may wait for the next edge of a line; see [`Watch::is_at_rest`].
     pub const fn is_at_rest(&self) -> bool {
         self.watch.is_at_rest()
+    }
+
+    /// Whether no line is in a spell ([`Watch::is_between_spells`]).
+    pub const fn is_between_spells(&self) -> bool {
+        self.watch.is_between_spells()
     }
 
     /// What the TX lines did since the look before, at `now`. Returns the gates that are open until

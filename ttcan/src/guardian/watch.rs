@@ -278,6 +278,16 @@ impl<const P: usize> Watch<P> {
         self.active == 0 && self.open.0 == Self::ALL
     }
 
+    /// Whether no line is in a spell, be it that gates are closed. With an edge that wakes the owner, the next look is due
+    /// at [`Watch::due`], or as soon as a line becomes dominant, as after a [rest](Self::is_at_rest).
+    ///
+    /// In a spell, an owner that is woken by edges looks at [`Watch::due`], and when a line has been recessive for the 5.5
+    /// bits that end a spell. It then says first when the line was released: a look with the stamp of the last edge
+    /// that finds it recessive, and another one with that of now.
+    pub const fn is_between_spells(&self) -> bool {
+        self.active == 0
+    }
+
     /// The gates that are open.
     pub const fn gates(&self) -> Gates {
         self.open
@@ -553,7 +563,7 @@ impl<const P: usize> Watch<P> {
         self.settle();
     }
 
-    /// When a look that finds the lines as the one before did changes something. Simulations can leave
+    /// When a look that finds the lines as the one before did changes something. An owner that edges wake can leave
     /// earlier ones out.
     pub fn due(&self) -> Option<Stamp> {
         let mut due: Option<Stamp> = None;

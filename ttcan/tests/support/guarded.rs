@@ -86,6 +86,21 @@ enum Event {
     Tell,
 }
 
+/// Rest of a line behind which a timer that its edges reset asks for a look, in nanoseconds: 6 bits.
+const QUIET: u64 = 6 * BIT;
+
+/// When a guardian that is woken by edges looks.
+#[derive(Clone, Copy, Debug, Default)]
+struct Edges {
+    /// The next look, and the last one.
+    next: Option<u64>,
+    looked: u64,
+    /// The last edge of the line.
+    edge: u64,
+    /// Whether it has become dominant since the last look.
+    fell: bool,
+}
+
 /// What the lower half of the guardian does next, and when.
 #[derive(Clone, Copy, Default)]
 struct Rounds {
@@ -105,6 +120,10 @@ pub(crate) struct Guarded<const P: usize> {
     /// Nodes with a guardian of their own, bit by bit. With any, the guardian of all nodes only watches, the other
     /// nodes have no gate, and guardians sleep while their lines are at rest.
     pub(crate) own: u32,
+    /// Whether these guardians look when an edge ends the rest of their line, when the line was quiet, and when a limit
+    /// is reached, instead of all the time.
+    pub(crate) by_edges: bool,
+    edges: [Edges; P],
     crystal: Crystal,
     open: Gates,
     /// A frame that was taken, with its stamp and the lines at that moment.
@@ -169,6 +188,8 @@ impl<const P: usize> Guarded<P> {
             singles,
             singly_open: u32::MAX,
             own: 0,
+            by_edges: false,
+            edges: [Edges::default(); P],
             crystal,
             open,
             taken: None,
@@ -237,8 +258,12 @@ impl<const P: usize> Guarded<P> {
                 Event::Edge(sender, Level::Dominant) => {
                     self.lines.dominant |= 1 << sender;
                     self.lines.fell |= 1 << sender;
+                    self.edge(sender, time, true);
                 }
-                Event::Edge(sender, Level::Recessive) => self.lines.dominant &= !(1 << sender),
+                Event::Edge(sender, Level::Recessive) => {
+                    self.lines.dominant &= !(1 << sender);
+                    self.edge(sender, time, false);
+                }
                 Event::Frame(frame) => {
                     let stamp = self.stamp(time);
                     for single in &mut self.singles {
@@ -268,8 +293,80 @@ impl<const P: usize> Guarded<P> {
         self.look_until(nanos);
     }
 
+    /// A line changes: what rests is woken, and the timer begins anew.
+    fn edge(&mut self, sender: usize, time: u64, falls: bool) {
+        if !self.by_edges {
+            return;
+        }
+        let late = self.below(self.lateness + 1);
+        let edges = &mut self.edges[sender];
+        edges.edge = time;
+        edges.fell |= falls;
+        if self.singles[sender].is_between_spells() {
+            let next = edges.next.filter(|next| !falls || *next < time + late);
+            edges.next = next.or(falls.then_some(time + late));
+        } else {
+            self.set_alarm(sender, time);
+        }
+    }
+
+    /// When the guardian of a node looks next, unless it rests.
+    fn set_alarm(&mut self, sender: usize, time: u64) {
+        let single = &self.singles[sender];
+        if single.is_at_rest() {
+            return;
+        }
+        let rests = single.is_between_spells();
+        let edges = self.edges[sender];
+        let now = self.stamp(time);
+        let ahead = u64::from(single.due().ticks_since(now).max(0).unsigned_abs());
+        let limit = time + ahead * 1000 / u64::from(TICKS_PER_US);
+        let quiet = (edges.edge + QUIET).max(time + 1);
+        let is_dominant = self.lines.dominant >> sender & 1 == 1;
+        let next = match rests || is_dominant || edges.looked >= quiet {
+            true => limit.max(time + 1),
+            false => limit.max(time + 1).min(quiet),
+        };
+        self.edges[sender].next = Some(next + self.below(self.lateness + 1));
+    }
+
+    /// The looks of the guardians that edges wake, up to `nanos`.
+    fn looks_by_edges(&mut self, nanos: u64) {
+        for sender in 0..P {
+            while let Some(next) = self.edges[sender].next.filter(|next| *next < nanos) {
+                let edges = self.edges[sender];
+                self.edges[sender] = Edges {
+                    next: None,
+                    looked: next,
+                    fell: false,
+                    ..edges
+                };
+                let lines = Lines {
+                    dominant: self.lines.dominant >> sender & 1,
+                    fell: u32::from(edges.fell),
+                };
+                let mut looks = vec![(next, lines)];
+                if lines.dominant == 0 && next >= edges.edge + QUIET {
+                    // The timer says since when the line is quiet.
+                    let before = edges.edge.max(edges.looked);
+                    looks = vec![(before, lines), (next, Lines::default())];
+                }
+                for (time, lines) in looks {
+                    let now = self.stamp(time);
+                    let open = self.singles[sender].look(lines, now).bits();
+                    self.singly_open = self.singly_open & !(1 << sender) | open << sender;
+                    self.looks += 1;
+                }
+                self.set_alarm(sender, next);
+            }
+        }
+    }
+
     /// Looks at the lines whenever the timer asks before `nanos`, and lets the lower half work.
     fn look_until(&mut self, nanos: u64) {
+        if self.by_edges {
+            self.looks_by_edges(nanos);
+        }
         loop {
             let rounds = self.rounds;
             let mut asked = [Some(rounds.ahead), rounds.rule, rounds.account];
@@ -331,7 +428,7 @@ impl<const P: usize> Guarded<P> {
             let now = self.next_look();
             let wake = [Some(self.judge.wake()), self.watch.due()];
             let all = self.own == 0;
-            let awake = self.singles.iter();
+            let awake = self.singles.iter().filter(|_| !self.by_edges);
             let awake = awake.filter(|single| all || !single.is_at_rest());
             let asked = awake.map(Guardian::due);
             let dues = wake.into_iter().flatten().chain(asked);
@@ -353,7 +450,8 @@ impl<const P: usize> Guarded<P> {
         let now = self.stamp(time);
         self.open = self.watch.look(self.lines, now);
         self.ask(time);
-        for (at, single) in self.singles.iter_mut().enumerate() {
+        let by_timer = !self.by_edges;
+        for (at, single) in self.singles.iter_mut().enumerate().filter(|_| by_timer) {
             let line = Lines {
                 dominant: self.lines.dominant >> at & 1,
                 fell: self.lines.fell >> at & 1,
