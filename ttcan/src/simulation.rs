@@ -119,6 +119,12 @@ pub trait Application {
     fn fate(&mut self, _sender: usize, _frame: &Frame, _now: SimTime) -> Fate {
         Fate::Delivered
     }
+
+    /// The bit, counted from the start of the frame of which [`fate`](Application::fate) just said that it is destroyed,
+    /// behind which its error frame begins. By chance if it does not say.
+    fn destroyed_at(&mut self) -> Option<u32> {
+        None
+    }
 }
 
 /// Sends zeros in every window, without faults.
@@ -489,7 +495,11 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         let start = self.now;
         let bits = u64::from(frame_bits(&frame));
         let taken = match fate {
-            Fate::Destroyed => 14 + self.below(bits - 14) + ERROR_BITS,
+            Fate::Destroyed => {
+                let by_chance = 14 + self.below(bits - 14);
+                let said = self.application.destroyed_at().map(u64::from);
+                said.unwrap_or(by_chance) + ERROR_BITS
+            }
             Fate::NotAcknowledged => bits - BEHIND_ACKNOWLEDGE + ERROR_BITS,
             Fate::Delivered | Fate::MissedBy(_) => bits,
         };

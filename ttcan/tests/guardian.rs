@@ -55,6 +55,10 @@ impl Application for Watched {
         }
         guarded.transmit(sender, frame, now.ticks(), fate, &self.alive)
     }
+
+    fn destroyed_at(&mut self) -> Option<u32> {
+        self.guarded.destroyed_at
+    }
 }
 
 fn network(seed: u64, noise: u64, ppm: i64) -> UagvBus<Watched> {

@@ -9,6 +9,8 @@ use ttcan::{Frame, Micros, NodeId, ScheduleView, Stamp, StampLatency};
 /// A bit in nanoseconds.
 pub(crate) const BIT: u64 = 4000;
 const TICKS_PER_US: u32 = 18;
+/// Bits of an error frame of the simulated bus.
+const ERROR_BITS: u32 = 17;
 /// A short spell, in bits.
 const SHORT: u8 = 28;
 /// The timer of the guardian's board asks for a look each 8 us. It comes up to 3 us late, which is
@@ -142,6 +144,8 @@ pub(crate) struct Guarded<const P: usize> {
     pub(crate) taking: u64,
     /// One of this many frames is not received by the guardian; 0 for none.
     pub(crate) deaf: u64,
+    /// The bit behind which the error frame of a frame begins that was destroyed.
+    pub(crate) destroyed_at: Option<u32>,
     /// Frames that the gates stopped.
     pub(crate) clipped: usize,
     history: Vec<String>,
@@ -202,6 +206,7 @@ impl<const P: usize> Guarded<P> {
             lateness: LATE,
             taking: FRAME,
             deaf: 200,
+            destroyed_at: None,
             clipped: 0,
             history: Vec::new(),
             babbler: None,
@@ -530,8 +535,10 @@ impl<const P: usize> Guarded<P> {
         let (id, state) = (frame.id(), self.state());
         self.note(format!("{id} of {sender} at {from}, {fate:?}, {state:?}"));
         let bits = bits_of(frame).len();
+        self.destroyed_at = None;
         if fate == Fate::Destroyed {
             // All see the error in bit 14.
+            self.destroyed_at = Some(14);
             self.send(sender, frame, from, 14);
             for (node, alive) in alive.iter().enumerate() {
                 if *alive && node != sender {
@@ -556,6 +563,8 @@ impl<const P: usize> Guarded<P> {
                 let trips: Vec<_> = (0..P).map(|at| self.trips(at)).collect();
                 self.note(format!("closed after {} ns, {trips:?}", time - from));
                 self.clipped += 1;
+                // The receivers see it 6 bits later. Their flags take 6, and the delimiter 8.
+                self.destroyed_at = Some(((time - from) / BIT) as u32 + 20 - ERROR_BITS);
                 if self.babbler != Some(sender) {
                     // It sees that the bus is not what it sends, and sends a flag.
                     self.pending.retain(|(at, event)| {
