@@ -120,6 +120,9 @@ pub trait Application {
         Fate::Delivered
     }
 
+    /// A frame begins together with the one of which [`fate`](Application::fate) decides next, and has its identifier.
+    fn contends(&mut self, _sender: usize, _frame: &Frame) {}
+
     /// The bit, counted from the start of the frame of which [`fate`](Application::fate) just said that it is destroyed,
     /// behind which its error frame begins. By chance if it does not say.
     fn destroyed_at(&mut self) -> Option<u32> {
@@ -438,6 +441,11 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
             return;
         };
         let collides = |other: &Frame| other.id() == frame.id() && *other != frame;
+        for (index, other) in &contenders {
+            if *index != sender && other.id() == frame.id() {
+                self.application.contends(*index, other);
+            }
+        }
         let mut fate = self.application.fate(sender, &frame, now);
         let mut heard = false;
         for (index, station) in self.stations.iter().enumerate() {

@@ -56,6 +56,10 @@ impl Application for Watched {
         guarded.transmit(sender, frame, now.ticks(), fate, &self.alive)
     }
 
+    fn contends(&mut self, sender: usize, frame: &Frame) {
+        self.guarded.contenders.push((sender, *frame));
+    }
+
     fn destroyed_at(&mut self) -> Option<u32> {
         self.guarded.destroyed_at
     }

@@ -144,6 +144,8 @@ pub(crate) struct Guarded<const P: usize> {
     pub(crate) taking: u64,
     /// One of this many frames is not received by the guardian; 0 for none.
     pub(crate) deaf: u64,
+    /// Frames that begin together with the next one, and have its identifier.
+    pub(crate) contenders: Vec<(usize, Frame)>,
     /// The bit behind which the error frame of a frame begins that was destroyed.
     pub(crate) destroyed_at: Option<u32>,
     /// Frames that the gates stopped.
@@ -206,6 +208,7 @@ impl<const P: usize> Guarded<P> {
             lateness: LATE,
             taking: FRAME,
             deaf: 200,
+            contenders: Vec::new(),
             destroyed_at: None,
             clipped: 0,
             history: Vec::new(),
@@ -536,6 +539,38 @@ impl<const P: usize> Guarded<P> {
         self.note(format!("{id} of {sender} at {from}, {fate:?}, {state:?}"));
         let bits = bits_of(frame).len();
         self.destroyed_at = None;
+        for (other, contender) in core::mem::take(&mut self.contenders) {
+            if !self.is_open(other) {
+                continue;
+            }
+            let (ours, theirs) = (bits_of(frame), bits_of(&contender));
+            let same = ours.iter().zip(&theirs).take_while(|(a, b)| a == b).count();
+            if same == ours.len().min(theirs.len()) {
+                self.send(other, &contender, from, same);
+                continue;
+            }
+            // Who sends the recessive bit sees it dominant, and sends a flag behind it. It destroys the frame for the
+            // others, and the other one's.
+            let (first, second) = if ours[same] {
+                (sender, other)
+            } else {
+                (other, sender)
+            };
+            let bit = same as u64;
+            for (node, frame) in [(sender, frame), (other, &contender)] {
+                self.send(node, frame, from, same + usize::from(node == second));
+            }
+            self.drive(first, from + (bit + 1) * BIT, 6);
+            self.drive(second, from + (bit + 2) * BIT, 6);
+            for (node, alive) in alive.iter().enumerate() {
+                if *alive && node != sender && node != other {
+                    self.drive(node, from + (bit + 7) * BIT, 6);
+                }
+            }
+            // The last flag, and the delimiter.
+            self.destroyed_at = Some(same as u32 + 13 + 8 - ERROR_BITS);
+            return Fate::Destroyed;
+        }
         if fate == Fate::Destroyed {
             // All see the error in bit 14.
             self.destroyed_at = Some(14);
