@@ -526,6 +526,44 @@ impl<const P: usize> Guarded<P> {
         }
     }
 
+    /// Two frames begin together on the bus. Returns whether they destroy each other.
+    fn collide(
+        &mut self,
+        (one, ours): (usize, &Frame),
+        (other, theirs): (usize, &Frame),
+        from: u64,
+        alive: &[bool; P],
+    ) -> bool {
+        let (bits, other_bits) = (bits_of(ours), bits_of(theirs));
+        let pairs = bits.iter().zip(&other_bits);
+        let same = pairs.take_while(|(a, b)| a == b).count();
+        if same == bits.len().min(other_bits.len()) {
+            self.send(other, theirs, from, same);
+            return false;
+        }
+        // Who sends the recessive bit sees it dominant, and sends a flag behind it. It destroys the frame of the other
+        // one.
+        let (first, second) = if bits[same] {
+            (one, other)
+        } else {
+            (other, one)
+        };
+        let bit = same as u64;
+        for (node, frame) in [(one, ours), (other, theirs)] {
+            self.send(node, frame, from, same + usize::from(node == second));
+        }
+        self.drive(first, from + (bit + 1) * BIT, 6);
+        self.drive(second, from + (bit + 2) * BIT, 6);
+        for (node, alive) in alive.iter().enumerate() {
+            if *alive && node != one && node != other {
+                self.drive(node, from + (bit + 7) * BIT, 6);
+            }
+        }
+        // The last flag, and the delimiter.
+        self.destroyed_at = Some(same as u32 + 13 + 8 - ERROR_BITS);
+        true
+    }
+
     /// A frame begins on the bus, or would without its gate. What becomes of it?
     pub(crate) fn transmit(
         &mut self,
@@ -540,36 +578,11 @@ impl<const P: usize> Guarded<P> {
         let bits = bits_of(frame).len();
         self.destroyed_at = None;
         for (other, contender) in core::mem::take(&mut self.contenders) {
-            if !self.is_open(other) {
-                continue;
+            if self.is_open(other)
+                && self.collide((sender, frame), (other, &contender), from, alive)
+            {
+                return Fate::Destroyed;
             }
-            let (ours, theirs) = (bits_of(frame), bits_of(&contender));
-            let same = ours.iter().zip(&theirs).take_while(|(a, b)| a == b).count();
-            if same == ours.len().min(theirs.len()) {
-                self.send(other, &contender, from, same);
-                continue;
-            }
-            // Who sends the recessive bit sees it dominant, and sends a flag behind it. It destroys the frame for the
-            // others, and the other one's.
-            let (first, second) = if ours[same] {
-                (sender, other)
-            } else {
-                (other, sender)
-            };
-            let bit = same as u64;
-            for (node, frame) in [(sender, frame), (other, &contender)] {
-                self.send(node, frame, from, same + usize::from(node == second));
-            }
-            self.drive(first, from + (bit + 1) * BIT, 6);
-            self.drive(second, from + (bit + 2) * BIT, 6);
-            for (node, alive) in alive.iter().enumerate() {
-                if *alive && node != sender && node != other {
-                    self.drive(node, from + (bit + 7) * BIT, 6);
-                }
-            }
-            // The last flag, and the delimiter.
-            self.destroyed_at = Some(same as u32 + 13 + 8 - ERROR_BITS);
-            return Fate::Destroyed;
         }
         if fate == Fate::Destroyed {
             // All see the error in bit 14.
