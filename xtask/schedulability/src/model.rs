@@ -171,8 +171,7 @@ impl NodeModel {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
         })?;
         for task in &mut model.tasks {
-            let mut rows = table.task.iter();
-            let row = rows.find(|(row, _)| **row == task.name).map(|(_, row)| row);
+            let row = table.task.get(&task.name);
             if row.is_some_and(|row| row.on.as_slice() == [BusEvent::FrameReceived]) {
                 task.received = bus.received();
             }

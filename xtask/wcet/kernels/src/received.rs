@@ -76,7 +76,7 @@ pub fn take_or_skip() {
     }
 }
 
-/// Writes what it was told to.
+/// Writes a word from memory, of which nothing is known.
 pub fn take_by_mask() {
     write(ANY.load(Ordering::Relaxed));
     if identifier() == URGENT {
