@@ -193,12 +193,13 @@ impl Guardians {
         }
     }
 
-    fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
+    fn handle_frame(&mut self, frame: &Frame, stamp: Stamp, open: &mut u32) {
         match self {
-            Self::Central(guardian) => guardian.handle_frame(frame, stamp),
+            Self::Central(guardian) => *open = guardian.handle_frame(frame, stamp).bits(),
             Self::Own(guardians) => {
-                for guardian in guardians {
-                    guardian.handle_frame(frame, stamp);
+                for (node, guardian) in guardians.iter_mut().enumerate() {
+                    let bits = guardian.handle_frame(frame, stamp).bits();
+                    *open = *open & !(1 << node) | bits << node;
                 }
             }
         }
@@ -709,7 +710,10 @@ impl State {
             }
         }
         if !destroyed {
-            guard.guardians.handle_frame(&ended.frame, Stamp(0));
+            let Guard {
+                guardians, open, ..
+            } = guard;
+            guardians.handle_frame(&ended.frame, Stamp(0), open);
         }
         guard.poll();
     }

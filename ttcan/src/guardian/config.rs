@@ -21,6 +21,10 @@ const TOLERANCE_BITS: u32 = 2;
 /// Largest distance of the end of a frame's spell and an error flag behind it, in bits: up to five
 /// recessive bits at the end of the CRC, and the ten bits from there to the end of the frame.
 const BEHIND_BITS: u32 = 16;
+/// Largest distance of the end of a frame's spell and the next spell of its sender, if that begins up to ten bits after
+/// the frame: the end of the CRC as above, and ten bits more. Who loses arbitration has been quiet for at least 34 bits
+/// then: the rest of a frame without data, and the intermission.
+const NEXT_BITS: u32 = 27;
 /// Bits beyond the longest frame that a permitted spell may take: an error flag and one that is
 /// begun anew.
 pub(super) const FLAG_BITS: u32 = 14;
@@ -200,6 +204,8 @@ pub(super) struct Times {
     pub(super) tolerance: u32,
     /// Largest distance of a frame's spell and an error flag behind it, by their stamps.
     pub(super) behind: u32,
+    /// Largest distance of a frame's spell and the next one of its sender, which begins before the frame is told.
+    pub(super) next: u32,
     /// Cycle time from which the next reference may begin.
     pub(super) reference_phase: u32,
     /// Longest reference in bits, and with error flags in ticks.
@@ -311,6 +317,7 @@ impl Times {
                 .saturating_add(jitter)
                 .saturating_add(half_interval),
             behind: bits(BEHIND_BITS).saturating_add(half_interval),
+            next: bits(NEXT_BITS).saturating_add(half_interval),
             reference_phase: 0,
             reference_bits,
             reference: bits(reference_bits + FLAG_BITS).saturating_add(half_interval),

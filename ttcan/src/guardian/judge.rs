@@ -27,7 +27,7 @@ const LAST_DOMINANT: u32 = 7;
 struct Received<const P: usize> {
     frame: Frame,
     end: Stamp,
-    /// Senders whose last spell may be it, and the windows in which those have begun.
+    /// Senders that may have sent it, and the windows in which their spells have begun.
     suspects: u32,
     windows: [Window; P],
     /// Whether the guardian was sure of the windows when the frame began.
@@ -193,7 +193,7 @@ impl<'s, const P: usize> Judge<'s, P> {
                 let permit = self
                     .plan
                     .permit(spell.window, sender, is(news.marks.untimely));
-                sender.begin(spell.began, permit, is(news.marks.behind));
+                sender.begin(spell, permit, is(news.marks.behind));
                 if is(counted) && sender.is_short() && !sender.is_behind_own() {
                     cut = sender.pulse(&self.plan.times, now);
                 }
@@ -230,13 +230,13 @@ impl<'s, const P: usize> Judge<'s, P> {
         let bits = length::frame_bits(frame);
         let start = end.before(times.bits(bits));
         self.lose(stamp);
-        let suspects = self.suspects(evidence, bits, start, end);
+        let (suspects, windows) = self.suspects(evidence, bits, start, end);
         let untimely = self.plan.untimely_until();
         let mut received = Received {
             frame: *frame,
             end,
             suspects,
-            windows: evidence.spells.map(|spell| spell.window),
+            windows,
             trusted: self.plan.is_trusted(start),
             untimely: untimely.is_some_and(|until| !start.reached(until)),
             reference: false,
@@ -264,32 +264,47 @@ impl<'s, const P: usize> Judge<'s, P> {
         followed
     }
 
-    /// Finds the senders that have driven from the beginning of a frame to the end of its CRC, and takes
-    /// back the counts of those that have acknowledged it.
-    fn suspects(&mut self, evidence: &Evidence<P>, bits: u32, start: Stamp, end: Stamp) -> u32 {
+    /// Finds the senders that have driven from the beginning of a frame to the end of its CRC, with the windows in which
+    /// they began, and takes back the counts of those that have acknowledged it. A sender may have begun its next
+    /// spell since then.
+    fn suspects(
+        &mut self,
+        evidence: &Evidence<P>,
+        bits: u32,
+        start: Stamp,
+        end: Stamp,
+    ) -> (u32, [Window; P]) {
         let times = &self.plan.times;
         let acknowledged = end.before(times.bits(ACKNOWLEDGE_TO_END));
         let body = bits.saturating_sub(CRC_TO_END + LAST_DOMINANT);
         let body = start.after(times.bits(body));
         let judged = evidence.open & evidence.recent;
-        let (mut suspects, mut acknowledges) = (0, 0);
+        let (mut suspects, mut suspects_before, mut acknowledges) = (0, 0, 0);
+        let mut windows = [Window::NONE; P];
+        let lines = evidence.spells.iter().zip(&mut windows);
         // loop-bound: senders=32
-        for (at, (sender, spell)) in self.senders.iter_mut().zip(&evidence.spells).enumerate() {
+        for (at, (sender, (spell, window))) in self.senders.iter_mut().zip(lines).enumerate() {
             let is = |mask: u32| mask.wrapping_shr(at as u32) & 1 != 0;
-            let near = |instant| {
-                let off = spell.began.ticks_since(instant);
+            let near = |began: Stamp, instant| {
+                let off = began.ticks_since(instant);
                 off.unsigned_abs() <= times.tolerance
             };
             let drove = is(evidence.dominant) | spell.released.reached(body);
-            let sent = near(start) & drove;
+            let sent = near(spell.began, start) & drove;
             suspects |= u32::from(sent).wrapping_shl(at as u32);
-            let acknowledge = near(acknowledged);
+            let before = sender.before(spell.began);
+            let sent_before = near(before.0, start);
+            suspects_before |= u32::from(sent_before).wrapping_shl(at as u32);
+            *window = if sent { spell.window } else { before.1 };
+            let acknowledge = near(spell.began, acknowledged);
             acknowledges |= u32::from(acknowledge).wrapping_shl(at as u32);
             sender.take_back(spell.began, acknowledge & is(judged));
         }
         let acknowledges = acknowledges & judged;
         self.acknowledged |= acknowledges & evidence.new;
-        suspects & judged & !acknowledges
+        let suspects = suspects & judged & !acknowledges;
+        let before = suspects_before & judged & evidence.following;
+        (suspects | before, windows)
     }
 
     /// Forgets the time if no reference came for so long.
@@ -508,7 +523,7 @@ impl<'s, const P: usize> Judge<'s, P> {
     }
 
     #[cfg(feature = "std")]
-    pub(super) fn renumber(&mut self, now: Stamp, recent: u32) {
+    pub(super) fn renumber(&mut self, now: Stamp, recent: u32, following: u32) {
         self.periods %= UNTIMELY_EVERY;
         // They are found again ahead of each spell.
         self.restart();
@@ -520,7 +535,7 @@ impl<'s, const P: usize> Judge<'s, P> {
         renumber(&mut self.wake);
         for (at, sender) in self.senders.iter_mut().enumerate() {
             let bit = 1u32.wrapping_shl(at as u32);
-            sender.renumber(now, recent & bit != 0);
+            sender.renumber(now, recent & bit != 0, following & bit != 0);
         }
     }
 }

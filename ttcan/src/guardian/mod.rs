@@ -200,7 +200,12 @@ impl<'s, const P: usize> Guardian<'s, P> {
         self.judge.trips(sender)
     }
 
-    /// The sender was replaced or repaired: its counts begin anew, and its gate opens.
+    /// The gates that are open until the next look.
+    pub const fn gates(&self) -> Gates {
+        self.watch.gates()
+    }
+
+    /// The sender was replaced or repaired: its counts begin anew, and its gate opens ([`Guardian::gates`]).
     pub fn pardon(&mut self, sender: usize) {
         self.judge.pardon(sender);
         if sender < P {
@@ -250,11 +255,13 @@ impl<'s, const P: usize> Guardian<'s, P> {
         }
     }
 
-    /// A data frame was received from the bus; `stamp` was taken at its end.
-    pub fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
+    /// A data frame was received from the bus; `stamp` was taken at its end. Returns the gates that are open until the
+    /// next look: the frame may cut its sender, and a sender may return, after which looks may wait for an edge.
+    pub fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) -> Gates {
         self.settle(stamp);
         self.judge.receive(frame, stamp, &self.watch.evidence());
         self.settle(stamp);
+        self.watch.gates()
     }
 
     /// Does all that can wait.
@@ -282,7 +289,8 @@ impl<'s, const P: usize> Guardian<'s, P> {
     #[must_use]
     pub fn renumbered(mut self, now: Stamp) -> Self {
         self.watch.renumber(now);
-        self.judge.renumber(now, self.watch.recent());
+        let (recent, following) = (self.watch.recent(), self.watch.following());
+        self.judge.renumber(now, recent, following);
         self
     }
 }

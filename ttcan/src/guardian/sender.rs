@@ -1,6 +1,7 @@
 //! One guarded sender: what it may send, and what is counted of it.
 
 use super::config::Times;
+use super::watch::{Spell, Window};
 use crate::frame::Frame;
 use crate::id::Id;
 use crate::length;
@@ -50,10 +51,13 @@ pub(super) struct Sender {
     /// The last spell that was judged: its beginning, what it may be, whether it was counted as a pulse
     /// or as an attempt to send a reference, and whether it may be the flag behind an own frame.
     began: Stamp,
+    window: Window,
     permit: Permit,
     counted: bool,
     charged: bool,
     behind_own: bool,
+    /// The beginning of the one before, and its window.
+    before: (Stamp, Window),
     /// When the sender may return.
     cut: Option<Stamp>,
     pulses: u8,
@@ -91,10 +95,12 @@ impl Sender {
             events,
             event_cycles: (repeat.wrapping_sub(1), offset),
             began: Stamp(0),
+            window: Window::NONE,
             permit: Permit::Short,
             counted: false,
             charged: false,
             behind_own: false,
+            before: (Stamp(0), Window::NONE),
             cut: None,
             pulses: 0,
             strikes: 0,
@@ -128,9 +134,14 @@ impl Sender {
 
     /// A spell has begun, with this permission, perhaps `behind` a frame of this sender. It may have been judged
     /// before its slot was known.
-    pub(super) fn begin(&mut self, began: Stamp, permit: Permit, behind: bool) {
+    pub(super) fn begin(&mut self, spell: &Spell, permit: Permit, behind: bool) {
+        let Spell { began, window, .. } = *spell;
         self.take_back(began, true);
         let again = self.began == began;
+        if !again {
+            self.before = (self.began, self.window);
+        }
+        self.window = window;
         let behind_own = if again {
             self.behind_own
         } else {
@@ -141,6 +152,15 @@ impl Sender {
         self.counted = false;
         self.charged = false;
         self.behind_own = behind_own;
+    }
+
+    /// When and where the spell before the last one of its line began. The `last` one may not be judged yet.
+    pub(super) fn before(&self, last: Stamp) -> (Stamp, Window) {
+        if self.began == last {
+            self.before
+        } else {
+            (self.began, self.window)
+        }
     }
 
     /// A reference was received: the attempts to send one begin anew.
@@ -293,11 +313,17 @@ impl Sender {
     }
 
     #[cfg(feature = "std")]
-    pub(super) fn renumber(&mut self, now: Stamp, recent: bool) {
+    pub(super) fn renumber(&mut self, now: Stamp, recent: bool, following: bool) {
+        self.before = if recent && following {
+            (self.before.0.before(now.0), self.before.1)
+        } else {
+            (Stamp(0), Window::NONE)
+        };
         if recent {
             self.began = self.began.before(now.0);
         } else {
             self.began = Stamp(0);
+            self.window = Window::NONE;
             self.permit = Permit::Short;
             (self.counted, self.charged) = (false, false);
             self.behind_own = false;

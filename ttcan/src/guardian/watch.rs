@@ -149,6 +149,8 @@ pub struct Evidence<const P: usize> {
     pub(super) spells: [Spell; P],
     /// Lines whose last spell is not long past.
     pub(super) recent: u32,
+    /// Of those: the one before may have been a frame too, which ended right ahead of it.
+    pub(super) following: u32,
     /// Lines whose last spell is still to be judged, be it that its slot is still to be found.
     pub(super) new: u32,
     /// Lines that are dominant.
@@ -182,6 +184,8 @@ pub struct Watch<const P: usize> {
     active: u32,
     recessive: u32,
     recent: u32,
+    /// As in [`Evidence`], but of all lines.
+    following: u32,
     /// Gates that are closed until the spell is over; spells that went on beyond all limits; those
     /// that went on as a reference, those that may, and those that began in a slot.
     clipped: u32,
@@ -202,12 +206,13 @@ pub struct Watch<const P: usize> {
     untimely_until: Option<Stamp>,
     news: Marks,
     /// Longest short spell, a reference, the rest that ends a spell, half of the time from look to look,
-    /// and the longest rest between a frame and a flag behind it, in ticks.
+    /// and the longest rest between a frame and a flag behind it, or its sender's next frame, in ticks.
     short: u32,
     reference: u32,
     gap: u32,
     half_interval: u32,
     behind: u32,
+    next: u32,
     /// A spell that began longer ago than this is long past, unless it goes on.
     longest: u32,
 }
@@ -246,6 +251,7 @@ impl<const P: usize> Watch<P> {
             active: 0,
             recessive: 0,
             recent: 0,
+            following: 0,
             clipped: 0,
             struck: 0,
             charged: 0,
@@ -265,6 +271,7 @@ impl<const P: usize> Watch<P> {
             gap: times.spell_gap,
             half_interval: times.half_interval,
             behind: times.behind,
+            next: times.next,
             longest: times.bits(255),
         }
     }
@@ -379,7 +386,7 @@ impl<const P: usize> Watch<P> {
         let excused = self.active & (self.clipped | short) != 0;
         // Whether the line's last spell can be an own frame.
         let whole = self.recent & !self.struck;
-        let mut behind = 0;
+        let (mut behind, mut following) = (0, 0);
         // Without branches, so that the time does not depend on which lines begin.
         // loop-bound: senders=32
         for (at, spell) in self.spells.iter_mut().enumerate() {
@@ -388,10 +395,13 @@ impl<const P: usize> Watch<P> {
             // It is larger if it is negative, too.
             let soon = u32::from(rest <= self.behind);
             behind |= soon.wrapping_shl(at as u32);
+            let next = u32::from(rest <= self.next);
+            following |= next.wrapping_shl(at as u32);
             spell.began = if begun { began } else { spell.began };
             spell.until = if begun { until } else { spell.until };
         }
         self.news.behind = self.news.behind & !begin | behind & whole & begin;
+        self.following = self.following & !begin | following & whole & begin;
         self.news.excused = self.news.excused & !begin | if excused { begin } else { 0 };
         self.news.begun &= !begin;
         self.news.charged_before |= self.news.charged & begin;
@@ -457,6 +467,7 @@ impl<const P: usize> Watch<P> {
         Evidence {
             spells: self.spells,
             recent: self.recent,
+            following: self.following & self.recent,
             new: self.news.begun | self.starting,
             dominant: self.active & !self.recessive,
             open: self.open.0,
@@ -495,6 +506,12 @@ impl<const P: usize> Watch<P> {
     #[cfg(feature = "std")]
     pub(super) const fn recent(&self) -> u32 {
         self.active | self.recent
+    }
+
+    /// Those whose spell before may still be asked for.
+    #[cfg(feature = "std")]
+    pub(super) const fn following(&self) -> u32 {
+        self.following
     }
 
     /// Takes over when the sender with this index may begin a frame next. A spell that has begun in a slot that
@@ -607,6 +624,7 @@ impl<const P: usize> Watch<P> {
             spell.window = if known { spell.window } else { Window::NONE };
         }
         let known = self.active | self.recent;
+        self.following &= self.recent;
         self.struck &= known;
         self.charged &= known;
         self.framed &= known;

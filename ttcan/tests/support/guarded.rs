@@ -274,8 +274,9 @@ impl<const P: usize> Guarded<P> {
                 }
                 Event::Frame(frame) => {
                     let stamp = self.stamp(time);
-                    for single in &mut self.singles {
-                        single.handle_frame(&frame, stamp);
+                    for (at, single) in self.singles.iter_mut().enumerate() {
+                        let open = single.handle_frame(&frame, stamp).bits();
+                        self.singly_open = self.singly_open & !(1 << at) | open << at;
                     }
                     let at = time + self.below(self.taking);
                     self.insert(at, Event::Take(frame, stamp));
