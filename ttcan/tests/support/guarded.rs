@@ -9,6 +9,8 @@ use ttcan::{Frame, Micros, NodeId, ScheduleView, Stamp, StampLatency};
 /// A bit in nanoseconds.
 pub(crate) const BIT: u64 = 4000;
 const TICKS_PER_US: u32 = 18;
+/// The nodes ahead of this one are potential masters.
+const MASTERS: usize = 2;
 /// Bits of an error frame of the simulated bus.
 const ERROR_BITS: u32 = 17;
 /// A short spell, in bits.
@@ -81,7 +83,7 @@ pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
 #[derive(Clone, Copy, Debug)]
 enum Event {
     Edge(usize, Level),
-    Frame(Frame),
+    Frame(Frame, Option<usize>),
     /// A frame with this stamp is taken.
     Take(Frame, Stamp),
     /// The lower half is told of the frame that was taken.
@@ -272,9 +274,12 @@ impl<const P: usize> Guarded<P> {
                     self.lines.dominant &= !(1 << sender);
                     self.edge(sender, time, false);
                 }
-                Event::Frame(frame) => {
+                Event::Frame(frame, sender) => {
                     let stamp = self.stamp(time);
-                    for (at, single) in self.singles.iter_mut().enumerate() {
+                    // A CAN controller does not receive what it sends. Guardians of masters need their references.
+                    let own = sender.filter(|own| *own >= MASTERS);
+                    let singles = self.singles.iter_mut().enumerate();
+                    for (at, single) in singles.filter(|(at, _)| own != Some(*at)) {
                         let open = single.handle_frame(&frame, stamp).bits();
                         self.singly_open = self.singly_open & !(1 << at) | open << at;
                     }
@@ -637,7 +642,7 @@ impl<const P: usize> Guarded<P> {
             }
         }
         if self.deaf == 0 || self.below(self.deaf) > 0 {
-            self.push(end - BIT, Event::Frame(*frame));
+            self.push(end - BIT, Event::Frame(*frame, Some(sender)));
         } else {
             self.note("not received".to_owned());
         }
@@ -651,7 +656,7 @@ impl<const P: usize> Guarded<P> {
         for (node, _) in alive.iter().enumerate().filter(|(_, alive)| **alive) {
             self.drive(node, end - 9 * BIT, 1);
         }
-        self.push(end - BIT, Event::Frame(*frame));
+        self.push(end - BIT, Event::Frame(*frame, None));
     }
 
     fn note(&mut self, line: String) {
