@@ -16,10 +16,14 @@ pub const ADC: u16 = 18;
 /// First of the four interrupts of the CAN controller: transmit, receive FIFO 0, receive
 /// FIFO 1, status change.
 pub const CAN: u16 = 19;
+/// Update of TIM1, and all of TIM10 (F4) or TIM16 (F3).
+pub const TIM1_UPDATE: u16 = 25;
 /// TIM2; TIM3 and TIM4 follow.
 pub const TIM2: u16 = 28;
 /// USART1; USART2 and USART3 follow.
 pub const USART1: u16 = 37;
+/// TIM7, on the F3 with the second converter to analogue.
+pub const TIM7: u16 = 55;
 
 /// Interrupt of a stream (F4) or channel (F3) of a DMA controller; both count from 0.
 #[must_use]

@@ -29,7 +29,7 @@ pub(crate) enum Block {
     Adc,
     Can,
     Crc,
-    /// The timer whose input can be a clock of the part.
+    /// The timer that captures a clock of the part or, on the F303, the edges of a pin.
     Capture,
     /// The timer that makes pulses.
     Pulses,
@@ -45,9 +45,13 @@ pub(crate) struct Slot {
 }
 
 /// The timers that are modelled, in the order of their index.
-pub(crate) const TIMERS: [u8; 3] = [2, 3, 4];
+pub(crate) const TIMERS: [u8; 4] = [2, 3, 4, 7];
 /// Index of TIM3 in [`TIMERS`], whose TRGO starts the ADC scans.
 pub(crate) const TIM3: usize = 1;
+
+/// The pin of channel 1 of the F303's TIM16, and its alternate function (DS9866, alternate functions
+/// of port A). The other pins that can be this channel are not connected to the model.
+pub(crate) const TIM16_INPUT: (Pin, u8) = (Pin::new('A', 6), 1);
 
 const fn slot(base: u32, block: Block, gate: Option<(u32, u32, u32)>) -> Slot {
     Slot { base, block, gate }
@@ -104,9 +108,10 @@ static F446_SLOTS: [Slot; 27] = [
 ];
 
 /// RM0316 3.2.2 (addresses), 9.4.4-9.4.11 (gates).
-static F303_SLOTS: [Slot; 21] = [
+static F303_SLOTS: [Slot; 22] = [
     slot(0x4000_0000, Block::Tim(0), f3_apb1(0)),
     slot(0x4000_0400, Block::Tim(1), f3_apb1(1)),
+    slot(0x4000_1400, Block::Tim(3), f3_apb1(5)),
     slot(0x4000_3000, Block::Iwdg, None),
     slot(0x4000_4400, Block::Usart(1), f3_apb1(17)),
     slot(0x4000_4800, Block::Usart(2), f3_apb1(18)),

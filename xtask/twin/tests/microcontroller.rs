@@ -1152,3 +1152,120 @@ fn an_edge_of_a_pin_stays_pending_until_the_program_clears_it() {
     assert_eq!(mcu.read_register(PR), Some(0b01));
     assert!(mcu.violations().is_empty(), "{:?}", mcu.violations());
 }
+
+const TIM7: u32 = 0x4000_1400;
+const TIM16: u32 = 0x4001_4400;
+
+/// A sleeping F303 whose TIM16 counts microseconds of 8 MHz and stores the count at each rising edge of PA6
+/// in the RAM from 0x2000_1000 on.
+fn stamping() -> Program {
+    let mut program = Program::new();
+    program
+        .open(0x4002_1014, 0x14 | 1 << 17)
+        .open(0x4002_1018, 1 << 17)
+        .poke(0x4800_0020, 1 << 24)
+        .poke(0x4800_0000, 0xA800_0000 | 2 << 12)
+        .poke(TIM16 + 0x28, 7)
+        .poke(TIM16 + 0x14, 1)
+        .poke(TIM16 + 0x18, 1)
+        .poke(TIM16 + 0x20, 1)
+        .poke(TIM16 + 0x0C, 1 << 1)
+        .poke(TIM16, 1)
+        .enable(25)
+        .constant(4, 0x2000_1000)
+        .sleep_for_ever();
+    program.handler(16 + 25);
+    // STM r4!, {r2}
+    program
+        .peek(TIM16 + 0x34)
+        .half(0xC404)
+        .return_from_handler();
+    program
+}
+
+/// The first `COUNT` words that a program has stored.
+fn stamps<const COUNT: usize>(mcu: &Mcu) -> [u32; COUNT] {
+    core::array::from_fn(|k| {
+        let word = mcu.memory(0x2000_1000 + 4 * k as u32, 4).unwrap();
+        u32::from_le_bytes(word.try_into().unwrap())
+    })
+}
+
+#[test]
+fn edges_of_a_pin_wake_a_sleeping_core_with_the_count_of_each() {
+    let mut mcu = stamping().start(Part::F303, &Board::default());
+    let mut until = MS;
+    run(&mut mcu, until);
+    let mut pulse = |mcu: &mut Mcu| {
+        for level in [true, false] {
+            mcu.drive_pin(Pin::new('A', 6), Some(level));
+            until += 100 * US;
+            run(mcu, until);
+        }
+    };
+    for _ in 0..3 {
+        pulse(&mut mcu);
+    }
+    let [first, second, third, none] = stamps(&mcu);
+    assert_eq!((second - first, third - second, none), (200, 200, 0));
+    assert_eq!(mcu.load().tasks[0].activations, 3);
+    assert_eq!(mcu.read_register(TIM16 + 0x10), Some(0));
+    // The pin is an input again, and then without a clock for the timer.
+    assert!(mcu.write_register(0x4800_0000, 0xA800_0000));
+    pulse(&mut mcu);
+    assert!(mcu.write_register(0x4800_0000, 0xA800_0000 | 2 << 12));
+    assert!(mcu.write_register(0x4002_1018, 0));
+    pulse(&mut mcu);
+    assert_eq!(mcu.read_register(TIM16 + 0x24), Some(0));
+    assert_eq!(stamps::<4>(&mcu)[3], 0);
+    assert_eq!(mcu.violations(), []);
+}
+
+/// How long PB3 is high, which the program raises before it starts TIM7 for one pulse of `counts`
+/// microseconds, and lowers in its interrupt.
+fn alarm(counts: u32) -> u64 {
+    let mut program = Program::new();
+    program
+        .open(0x4002_1014, 0x14 | 1 << 18)
+        .poke(0x4800_0400, 0x200 | 1 << 6)
+        // Without its clock the timer takes nothing.
+        .poke(TIM7 + 0x0C, 1)
+        .open(0x4002_101C, 1 << 5)
+        .poke(TIM7, 1 << 2)
+        .poke(TIM7 + 0x28, 7)
+        .poke(TIM7 + 0x2C, counts - 1)
+        .poke(TIM7 + 0x14, 1)
+        .poke(TIM7 + 0x0C, 1)
+        .enable(55)
+        .poke(0x4800_0418, 1 << 3)
+        .poke(TIM7, 1 << 3 | 1 << 2 | 1)
+        .sleep_for_ever();
+    program.handler(16 + 55);
+    program
+        .poke(0x4800_0428, 1 << 3)
+        .poke(TIM7 + 0x10, 0)
+        .return_from_handler();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, 10 * MS);
+    assert_eq!(mcu.violations(), []);
+    assert_eq!(mcu.read_register(TIM7), Some(1 << 3 | 1 << 2));
+    assert_eq!(mcu.load().tasks[0].activations, 1);
+    let pins = mcu.drain_pins();
+    let [up, down] = &pins[..] else {
+        panic!("{pins:?}");
+    };
+    down.at.as_ticks() - up.at.as_ticks()
+}
+
+#[test]
+fn one_pulse_of_tim7_wakes_a_sleeping_core_in_its_own_cycle() {
+    let short = alarm(100);
+    // Beyond the counts, 5 cycles to the store that starts it and 12 + 5 + 2 at most from the overflow to
+    // the pin, of 125 ns each.
+    assert!(
+        (100 * US..100 * US + 24 * 125_000).contains(&short),
+        "{short}"
+    );
+    assert_eq!(alarm(1100) - short, MS);
+    assert_eq!(alarm(101) - short, US);
+}

@@ -22,7 +22,9 @@ pub(crate) use adc::REFERENCE_COUNT;
 pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
-use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIMERS};
+use crate::part::{
+    Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIM16_INPUT, TIMERS,
+};
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
 use crate::stores::{Bytes, among};
@@ -503,9 +505,11 @@ impl Peripherals {
         let mut raise = |irq: u16, level: bool| {
             lines[usize::from(irq / 32)] |= u32::from(level) << (irq % 32);
         };
-        for (k, timer) in self.timers.iter().enumerate() {
-            raise(interrupt::TIM2 + k as u16, timer.interrupt());
+        for timer in &self.timers {
+            raise(timer.irq(), timer.interrupt());
         }
+        let captured = self.part.family == Family::F3 && self.capture.interrupt();
+        raise(interrupt::TIM1_UPDATE, captured);
         for (k, usart) in self.usarts.iter().enumerate() {
             raise(interrupt::USART1 + k as u16, usart.interrupt());
         }
@@ -621,6 +625,8 @@ impl Peripherals {
         }
         let clocked = self.gate_open(Block::Pulses);
         self.pulses.set_clock(now, clocked, tree.timer2);
+        let clocked = self.gate_open(Block::Capture);
+        self.capture.set_clock(now, clocked, tree.timer2);
         for k in 0..self.usarts.len() {
             let divider = match (self.part.family, k) {
                 (Family::F4, 0) => tree.apb2,
@@ -699,6 +705,7 @@ impl Peripherals {
     // -- surroundings ---------------------------------------------------------------
 
     fn watch_port(&mut self, port: usize) {
+        self.watch_input(port);
         let levels = self.ports[port].levels();
         self.exti.drive_port(port, levels);
         let changed = levels ^ self.levels[port];
@@ -721,6 +728,18 @@ impl Peripherals {
                 });
             }
         }
+    }
+
+    /// Channel 1 of TIM16 sees its pin while that is assigned to it.
+    fn watch_input(&mut self, port: usize) {
+        let (pin, alternate) = TIM16_INPUT;
+        if self.part.family != Family::F3 || port != pin.port_index() {
+            return;
+        }
+        let port = &self.ports[port];
+        let connected = port.routed(pin.number, alternate);
+        let level = connected.then(|| port.level_from_outside(pin.number));
+        self.capture.drive(level, self.now);
     }
 
     /// The level of a pin that a timer's output is wired to. A driver from outside is stronger than
@@ -843,6 +862,7 @@ impl Peripherals {
             let levels = port.levels();
             self.levels[pin.port_index()] = levels;
             self.exti.drive_port(pin.port_index(), levels);
+            self.watch_input(pin.port_index());
             self.connect_can();
             self.refresh();
         }
@@ -1075,8 +1095,8 @@ impl Peripherals {
                 Some(_) => None,
             },
         };
-        if matches!(slot.block, Block::Usart(_) | Block::Adc) {
-            // Reading a data register clears flags and requests.
+        if matches!(slot.block, Block::Usart(_) | Block::Adc | Block::Capture) {
+            // Reading a data or capture register clears flags and requests.
             self.refresh();
         }
         Ok(value.unwrap_or_else(|| {

@@ -1,7 +1,10 @@
-//! A general-purpose timer: rsemu's model, which counts ticks of its own clock, driven by the
-//! node's core cycles.
+//! A general-purpose timer, or the basic timer TIM7 of the F303 (RM0316 chapter 22): rsemu's model, which
+//! counts ticks of its own clock, driven by the node's core cycles.
+//!
+//! Of TIM7, the requests to a DMA controller and the trigger for the converter to analogue are not modelled.
 
 use crate::clock::{Cycles, NEVER};
+use parts::interrupt;
 use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::props::Props;
 use rsemu::core::space::MemOps;
@@ -70,15 +73,20 @@ impl Clone for Timer {
 }
 
 impl Timer {
-    /// TIM2 counts over 32 bits, the others over 16.
+    /// TIM2 counts over 32 bits, the others over 16. TIM7 has no channels.
     pub(crate) fn new(number: u8) -> Result<Self, rsemu::Error> {
         let width = if number == 2 { 32_u64 } else { 16 };
         let reset = if width == 32 { 0xFFFF_FFFF_u64 } else { 0xFFFF };
+        let (variant, channels) = if number == 7 {
+            ("basic", 0_u64)
+        } else {
+            ("general", 4)
+        };
         let model = Tim::new(
             &Props::new()
-                .with("variant", "general")
+                .with("variant", variant)
                 .with("width", width)
-                .with("channels", 4_u64)
+                .with("channels", channels)
                 .with("arr-reset", reset),
         )?;
         let interrupt = Arc::new(Probe::default());
@@ -161,6 +169,14 @@ impl Timer {
         super::write_word(&*self.registers, offset, value);
     }
 
+    /// Number of its interrupt.
+    pub(crate) fn irq(&self) -> u16 {
+        match self.number {
+            7 => interrupt::TIM7,
+            number => interrupt::TIM2 + u16::from(number) - 2,
+        }
+    }
+
     pub(crate) fn interrupt(&self) -> bool {
         self.interrupt.high.load(Ordering::Relaxed)
     }
@@ -236,6 +252,74 @@ mod tests {
         assert_eq!(timer.take_triggers(), 1);
         timer.advance(720_000);
         assert_eq!(timer.take_triggers(), 1);
+    }
+
+    const CEN: u32 = 1;
+    const URS: u32 = 1 << 2;
+    const OPM: u32 = 1 << 3;
+
+    /// TIM7 at 8 core cycles a count, which stops after 100 counts; started at cycle 1000.
+    fn alarm(enabled: u32) -> Timer {
+        let mut timer = Timer::new(7).unwrap();
+        timer.set_clock(1000, true, 1);
+        timer.write(CR1, URS, 1000);
+        timer.write(PSC, 7, 1000);
+        timer.write(ARR, 99, 1000);
+        timer.write(EGR, 1, 1000);
+        timer.write(DIER, enabled, 1000);
+        timer.write(CR1, URS | OPM | CEN, 1000);
+        timer
+    }
+
+    #[test]
+    fn one_pulse_of_tim7_ends_in_the_cycle_of_the_overflow() {
+        let mut timer = alarm(1);
+        assert_eq!(timer.irq(), 55);
+        assert_eq!(timer.read(SR, 1000), Some(0), "URS: no flag by UG");
+        assert_eq!(timer.next_event(), 1800);
+        timer.advance(1799);
+        assert_eq!(timer.read(CNT, 1799), Some(99));
+        assert!(!timer.interrupt());
+        timer.advance(1800);
+        assert!(timer.interrupt());
+        assert_eq!(timer.read(CR1, 1800), Some(URS | OPM));
+        assert_eq!(timer.read(CNT, 9000), Some(0), "it stands");
+        timer.write(SR, 1, 9000);
+        assert!(timer.interrupt(), "a one leaves the flag");
+        timer.write(SR, 0, 9000);
+        assert!(!timer.interrupt());
+        assert_eq!(timer.next_event(), u64::MAX);
+    }
+
+    #[test]
+    fn a_flag_of_tim7_that_is_not_enabled_raises_nothing() {
+        let mut timer = alarm(0);
+        timer.advance(1800);
+        assert_eq!(timer.read(SR, 1800), Some(1));
+        assert!(!timer.interrupt());
+        timer.write(DIER, 1, 1900);
+        assert!(timer.interrupt());
+        // Without URS, UG sets the flag as an overflow does.
+        let mut timer = alarm(1);
+        timer.write(CR1, OPM | CEN, 1100);
+        timer.write(EGR, 1, 1100);
+        assert!(timer.interrupt());
+    }
+
+    #[test]
+    fn an_update_by_software_restarts_tim7_with_its_prescaler() {
+        let mut timer = alarm(1);
+        // In the middle of a count.
+        timer.write(EGR, 1, 1403);
+        assert_eq!(timer.read(CNT, 1410), Some(0));
+        assert_eq!(timer.read(CNT, 1411), Some(1));
+        assert_eq!(timer.next_event(), 1403 + 800);
+        // Without preload a new end counts at once, a new prescaler from the next update on.
+        timer.write(ARR, 199, 1411);
+        timer.write(PSC, 0, 1411);
+        assert_eq!(timer.next_event(), 1403 + 1600);
+        timer.write(EGR, 1, 1500);
+        assert_eq!(timer.next_event(), 1500 + 200);
     }
 
     #[test]

@@ -326,7 +326,7 @@ mod tests {
     const F303: Known = &[
         (
             "TIM_CR1 TIM_SMCR TIM_CCMR1 TIM_CCMR2",
-            "the F303 has UIFREMAP and more modes (RM0316 21.4)",
+            "the F303 has UIFREMAP and more modes (RM0316 21.4, 22.4)",
         ),
         (
             "TIM_OR",
@@ -334,7 +334,7 @@ mod tests {
         ),
         (
             "TIM_CNT TIM_DIER TIM_BDTR",
-            "the F303's TIM16 has UIFCPY, COMDE and BKF (RM0316 23.6)",
+            "the F303's TIM7 and TIM16 have UIFCPY, TIM16 COMDE and BKF (RM0316 22.4, 23.6)",
         ),
         ("PWR_CR PWR_CSR", "the sibling has three SDADC (RM0316 7.4)"),
         (
