@@ -24,7 +24,7 @@ pub struct Network {
     slice: SimDuration,
     /// The slice in which a node was stopped.
     stopped: Option<Slice>,
-    guard: Option<Guard>,
+    taps: Vec<Tap>,
 }
 
 /// A slice of time that the nodes go through one after the other.
@@ -37,17 +37,11 @@ struct Slice {
     node: usize,
 }
 
-/// A bus guardian and the nodes that it guards.
-#[derive(Clone)]
-struct Guard {
-    /// Index of the guardian.
-    guardian: usize,
-    taps: Vec<Tap>,
-}
-
-/// The wires between the guardian and one node.
+/// The wires between a guardian and one node that it guards.
 #[derive(Clone)]
 struct Tap {
+    /// Index of the guardian.
+    guardian: usize,
     /// The node on the bus.
     node: NodeId,
     /// The guardian's pin that reads the node's transmit pin.
@@ -82,7 +76,7 @@ impl Network {
             now: SimTime::from_ticks(0),
             slice,
             stopped: None,
-            guard: None,
+            taps: Vec::new(),
         }
     }
 
@@ -94,7 +88,7 @@ impl Network {
         Self {
             nodes: nodes.collect(),
             bus,
-            guard: self.guard.clone(),
+            taps: self.taps.clone(),
             ..*self
         }
     }
@@ -109,12 +103,15 @@ impl Network {
     /// guardian's pin at its transmit line, in front of the gate, and the pin that closes the gate while
     /// it is high. A pin that is not driven leaves the gate open. Lines and gates follow within the shortest
     /// time between two updates of the bus, and a gate acts from the next bit on.
+    ///
+    /// There may be several guardians, with a call for each: a node that guards itself is its own. Where
+    /// several guard the same node, each of them can close it off.
     pub fn guard(&mut self, guardian: usize, taps: impl IntoIterator<Item = (usize, Pin, Pin)>) {
-        let mut wired = Vec::new();
         for (node, line, gate) in taps {
             if let Some(node) = self.nodes[node].node() {
                 self.nodes[guardian].drive_pin(line, Some(true));
-                wired.push(Tap {
+                self.taps.push(Tap {
+                    guardian,
                     node,
                     line,
                     gate,
@@ -123,35 +120,41 @@ impl Network {
                 });
             }
         }
-        self.guard = Some(Guard {
-            guardian,
-            taps: wired,
-        });
     }
 
-    /// Passes the levels of the transmit lines to the guardian, and those of its pins to the gates.
+    /// Passes the levels of the transmit lines to the guardians, and those of their pins to the gates.
     fn follow_taps(&mut self) {
-        let Some(Guard { guardian, taps }) = &mut self.guard else {
+        if self.taps.is_empty() {
             return;
-        };
-        let guardian = &mut self.nodes[*guardian];
+        }
         let mut bus = lock(&self.bus);
         let mut changed = Vec::new();
-        for tap in taps {
-            let closed = guardian.pin(tap.gate);
-            if closed != tap.closed {
-                tap.closed = closed;
-                bus.close_gate(tap.node, closed, self.now);
+        for index in 0..self.taps.len() {
+            let Tap {
+                guardian,
+                node,
+                gate,
+                ..
+            } = self.taps[index];
+            let closed = self.nodes[guardian].pin(gate);
+            if closed != self.taps[index].closed {
+                self.taps[index].closed = closed;
+                // The gates of several guardians of a node are in a row.
+                let mut taps = self.taps.iter();
+                let closed = taps.any(|tap| tap.node == node && tap.closed);
+                bus.close_gate(node, closed, self.now);
             }
+        }
+        for tap in &mut self.taps {
             let recessive = bus.transmit_level(tap.node) == Level::Recessive;
             if recessive != tap.recessive {
                 tap.recessive = recessive;
-                changed.push((tap.line, recessive));
+                changed.push((tap.guardian, tap.line, recessive));
             }
         }
         drop(bus);
-        for (line, recessive) in changed {
-            guardian.drive_pin(line, Some(recessive));
+        for (guardian, line, recessive) in changed {
+            self.nodes[guardian].drive_pin(line, Some(recessive));
         }
     }
 
@@ -228,12 +231,13 @@ impl Network {
         let target = if wake > self.now {
             // All nodes sleep: nothing happens before a node's own event or an event on the bus.
             // A guardian looks at each bit of the others.
-            let event = match &self.guard {
-                None => bus.next_event(),
-                Some(_) => bus.next_step_at(),
+            let event = if self.taps.is_empty() {
+                bus.next_event()
+            } else {
+                bus.next_step_at()
             };
             event.map_or(wake, |event| wake.min(event))
-        } else if self.guard.is_some() {
+        } else if !self.taps.is_empty() {
             self.now
         } else {
             bus.horizon()

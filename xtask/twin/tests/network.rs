@@ -334,3 +334,117 @@ fn a_debugger_sees_and_sets_all_registers() {
         Some(0xC24)
     );
 }
+
+const TIM16: u32 = 0x4001_4400;
+
+/// The sender and a receiver, each with a tap of its own; the receiver's tap is at PA6. It stores the count of
+/// TIM16 at each edge in the RAM from 0x2000_1100 on.
+fn guarded() -> Network {
+    let mut program = receiver();
+    program.handler(1);
+    program
+        .open(0x4002_1014, 0x14 | 1 << 17 | 1 << 18)
+        .open(0x4002_101C, 1 << 25)
+        .open(0x4002_1018, 1 << 17)
+        .poke(0x4800_0020, 1 << 24)
+        .poke(0x4800_0024, 9 << 16 | 9 << 12)
+        .poke(
+            0x4800_0000,
+            0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22 | 2 << 12,
+        )
+        .poke(TIM16 + 0x18, 1)
+        .poke(TIM16 + 0x20, 1 | 1 << 1 | 1 << 3)
+        .poke(TIM16 + 0x0C, 1 << 1)
+        .poke(TIM16, 1)
+        .enable(25)
+        .constant(4, 0x2000_1100);
+    join(&mut program, 2);
+    program.poke(CAN + 0x14, 1 << 1).enable(20).sleep_for_ever();
+    program.handler(16 + 25);
+    // STM r4!, {r2}
+    program
+        .peek(TIM16 + 0x34)
+        .half(0xC404)
+        .return_from_handler();
+    let mut network = Network::new();
+    network.add(sender(true).image(Part::F446), &Board::default());
+    network.add(program.image(Part::F303), &Board::default());
+    for (node, line, gate) in [
+        (0, Pin::new('C', 0), Pin::new('C', 1)),
+        (1, Pin::new('A', 6), Pin::new('A', 4)),
+    ] {
+        network.guard(node, [(node, line, gate)]);
+    }
+    network
+}
+
+/// Whether the receiver has the frame, and the sender an acknowledge for it; the levels of the sender's
+/// line, once a microsecond; the counts at the edges of the receiver's.
+fn outcome(mut network: Network) -> (bool, bool, BTreeSet<bool>, Vec<u32>) {
+    let mut levels = BTreeSet::new();
+    for at in 1..=5_000 {
+        network.run_until(SimTime::from_ticks(at * US));
+        levels.insert(network.node(0).pin(Pin::new('C', 0)));
+    }
+    for node in 0..2 {
+        assert_eq!(network.node(node).violations(), []);
+    }
+    let words = network.node(1).memory(0x2000_1100, 64).unwrap();
+    let counts = words
+        .chunks(4)
+        .map(|word| u32::from_le_bytes(word.try_into().unwrap()));
+    let received = network.node(1).memory(0x2000_1000, 4).unwrap() == b"seed";
+    let sent = network.node(0).memory(0x2000_1000, 4).unwrap()[0] & 0b10 != 0;
+    let counts = counts.take_while(|count| *count != 0).collect();
+    (received, sent, levels, counts)
+}
+
+#[test]
+fn each_of_two_nodes_guards_itself() {
+    let (received, sent, levels, counts) = outcome(guarded());
+    assert!(received && sent);
+    assert_eq!(levels.len(), 2);
+    // The receiver drives the acknowledge bit: 4 us of 8 MHz, with the slices' 1 us on each side.
+    let [fall, rise] = counts[..] else {
+        panic!("{counts:?}");
+    };
+    assert!((24..=40).contains(&(rise - fall)), "{counts:?}");
+
+    // A copy has the wires too.
+    assert_eq!(outcome(guarded().copy()).3, counts);
+
+    // The pin of the first node closes its gate: the frame gets no further, though it is on its line.
+    let mut network = guarded();
+    network.node_mut(0).drive_pin(Pin::new('C', 1), Some(true));
+    let (received, sent, levels, counts) = outcome(network);
+    assert!(!received && !sent);
+    assert_eq!((levels.len(), counts.len()), (2, 0));
+
+    // That of the second one keeps its acknowledge off the bus.
+    let mut network = guarded();
+    network.node_mut(1).drive_pin(Pin::new('A', 4), Some(true));
+    let (received, sent, _, counts) = outcome(network);
+    assert!(!received && !sent, "an error frame ends it");
+    assert!(counts.len() >= 2, "{counts:?}");
+}
+
+#[test]
+fn each_of_two_guardians_of_a_node_can_close_it_off() {
+    let gates = [(0, Pin::new('C', 1)), (1, Pin::new('A', 4))];
+    for open in [&[][..], &[0], &[1], &[0, 1]] {
+        let mut network = powered(true, 0);
+        for (guardian, gate) in gates {
+            network.guard(guardian, [(0, Pin::new('A', 7), gate)]);
+            let node = network.node_mut(guardian);
+            node.drive_pin(gate, Some(true));
+        }
+        network.run_until(SimTime::from_ticks(MS));
+        for &index in open {
+            let (guardian, gate) = gates[index];
+            network.node_mut(guardian).drive_pin(gate, Some(false));
+        }
+        network.run_until(SimTime::from_ticks(5 * MS));
+        let received = network.node(1).memory(0x2000_1000, 4).unwrap() == b"seed";
+        assert_eq!(received, open.len() == 2, "{open:?}");
+    }
+}
