@@ -5,6 +5,8 @@ use ttcan::guardian::{Evidence, GuardianState, Judge, News, Trip};
 use ttcan::{Frame, Stamp};
 
 use crate::console::Line;
+#[cfg(feature = "target")]
+use rtic::Mutex;
 
 /// A frame that was received, and the lines when it was taken.
 pub struct Taken<const NODES: usize> {
@@ -105,6 +107,60 @@ impl<const NODES: usize> Told<NODES> {
     /// How often each node was cut, as told so far.
     pub const fn counts(&self) -> &[u16; NODES] {
         &self.0
+    }
+}
+
+/// What an image of a guardian tells on the console: a line for each cut, and one about the state each ninth time.
+#[cfg(feature = "target")]
+pub struct Teller<const NODES: usize> {
+    told: Told<NODES>,
+    steps: u32,
+}
+
+#[cfg(feature = "target")]
+impl<const NODES: usize> Teller<NODES> {
+    /// Steps between two lines about the state.
+    const STATE_EVERY: u32 = 9;
+
+    /// Nothing was told.
+    pub const fn new() -> Self {
+        Self {
+            told: Told::new(),
+            steps: 0,
+        }
+    }
+
+    /// What there is to tell, every `every_ms` milliseconds; often nothing. One node in each step, so that a step is short.
+    pub fn step(
+        &mut self,
+        mut lower: impl Mutex<T = Lower<NODES>>,
+        names: &[&str; NODES],
+        every_ms: u32,
+    ) -> Line {
+        self.steps = self.steps.wrapping_add(1);
+        let mut line = Line::new();
+        if self.steps.is_multiple_of(Self::STATE_EVERY) {
+            let known = lower.lock(|lower| lower.judge.state());
+            state(&mut line, known, names, self.told.counts());
+        } else {
+            let node = self.steps as usize % NODES;
+            let trips = lower.lock(|lower| lower.judge.trips(node));
+            let at_ms = self.steps.wrapping_mul(every_ms);
+            if let Some(news) = self.told.news(node, trips, at_ms)
+                && let Some(name) = names.get(node)
+            {
+                news.log();
+                cut(&mut line, name, news);
+            }
+        }
+        line
+    }
+}
+
+#[cfg(feature = "target")]
+impl<const NODES: usize> Default for Teller<NODES> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

@@ -50,6 +50,7 @@ pub mod pulses;
 pub mod rows;
 pub mod sbp;
 pub mod selftest;
+pub mod sentry;
 pub mod steering;
 pub mod text;
 mod vehicle;

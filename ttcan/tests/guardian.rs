@@ -240,6 +240,18 @@ fn good_nodes_are_never_cut_by_guardians_that_edges_wake() {
     }
 }
 
+/// Nor are they if these work in steps, as on a small board.
+#[test]
+fn good_nodes_are_never_cut_by_guardians_that_work_in_steps() {
+    for seed in 0..20 {
+        let mut bus = network(seed, 50, 100);
+        let guarded = &mut bus.application.guarded;
+        (guarded.by_edges, guarded.lateness) = (true, 5_000);
+        guarded.work_in_steps(0);
+        live_well(bus, seed, 1000, ACTUATORS);
+    }
+}
+
 /// All acknowledge each of 312 foreign frames in a basic cycle, and none of these bits counts as a flag without a reason.
 #[test]
 fn good_nodes_are_not_cut_for_acknowledging_a_flood() {
@@ -334,11 +346,22 @@ fn check_others(bus: &UagvBus<Watched>, node: usize, cut: u64, seed: u64) {
     }
 }
 
+/// What wakes guardians of one node, and whether their lower half works in steps.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Works {
+    ByTimer,
+    ByEdges,
+    InSteps,
+}
+
 /// A node begins to send one frame after the other, and goes on when it is cut: by the guardian of all nodes, or
 /// by its own, as others have their `own`. Returns after how many microseconds it was cut.
-fn babbler(seed: u64, own: u32, by_edges: bool) -> u64 {
+fn babbler(seed: u64, own: u32, works: Works) -> u64 {
     let mut bus = network(seed, 0, 100);
-    bus.application.guarded.by_edges = by_edges;
+    bus.application.guarded.by_edges = works != Works::ByTimer;
+    if works == Works::InSteps {
+        bus.application.guarded.work_in_steps(0);
+    }
     bus.application.guarded.deaf = 0;
     let node = match own {
         0 => (seed / KINDS % NODES as u64) as usize,
@@ -405,11 +428,16 @@ fn babbler(seed: u64, own: u32, by_edges: bool) -> u64 {
 /// Each kind of frame, from each node, begun in any phase of the basic cycle.
 #[test]
 fn a_babbler_is_cut_within_a_basic_cycle_and_no_window_is_lost_after_that() {
-    for (own, by_edges) in [(0, false), (ACTUATORS, false), (ACTUATORS, true)] {
-        let mut times: Vec<u64> = (0..1024).map(|seed| babbler(seed, own, by_edges)).collect();
+    for (own, works) in [
+        (0, Works::ByTimer),
+        (ACTUATORS, Works::ByTimer),
+        (ACTUATORS, Works::ByEdges),
+        (ACTUATORS, Works::InSteps),
+    ] {
+        let mut times: Vec<u64> = (0..1024).map(|seed| babbler(seed, own, works)).collect();
         times.sort_unstable();
         println!(
-            "own guardians {own:#b}: cut after {} us in half of the cases, {} us at most",
+            "own guardians {own:#b}, {works:?}: cut after {} us in half of the cases, {} us at most",
             times[512], times[1023]
         );
     }
@@ -420,14 +448,14 @@ fn a_babbler_is_cut_within_a_basic_cycle_and_no_window_is_lost_after_that() {
 #[test]
 fn a_babbler_that_has_begun_its_next_frame_is_found() {
     for seed in [2500, 9899, 10699] {
-        babbler(seed, 0, false);
+        babbler(seed, 0, Works::ByTimer);
     }
 }
 
 /// A node may return when a frame is handled. It rests then, and looks wait for its next edge.
 #[test]
 fn a_node_may_return_without_a_look() {
-    babbler(1305, ACTUATORS, false);
+    babbler(1305, ACTUATORS, Works::ByTimer);
 }
 
 /// One guardian, its clock in bits.

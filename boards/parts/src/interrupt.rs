@@ -16,8 +16,6 @@ pub const ADC: u16 = 18;
 /// First of the four interrupts of the CAN controller: transmit, receive FIFO 0, receive
 /// FIFO 1, status change.
 pub const CAN: u16 = 19;
-/// Update of TIM1, and all of TIM10 (F4) or TIM16 (F3).
-pub const TIM1_UPDATE: u16 = 25;
 /// TIM2; TIM3 and TIM4 follow.
 pub const TIM2: u16 = 28;
 /// USART1; USART2 and USART3 follow.

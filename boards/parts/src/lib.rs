@@ -26,6 +26,6 @@ pub use part::{
     WatchdogClock,
 };
 pub use sled::{
-    Budget, Clocks, Connector, LinkerScript, Pin, Role, SLED_F303, SLED_F446, Signal, Sled,
+    Budget, Clocks, Connector, LinkerScript, Pin, Role, SLED_F303, SLED_F446, Signal, Sled, Tap,
     TimerOutput, UsartPins,
 };

@@ -247,10 +247,10 @@ const fn timer_1(channel: u8, complementary: bool) -> Role {
     })
 }
 
-const fn tap(port: char, line: u8, gate: u8) -> Tap {
+const fn tap(line: (char, u8), gate: (char, u8)) -> Tap {
     Tap {
-        line: Pin::new(port, line),
-        gate: Pin::new(port, gate),
+        line: Pin::new(line.0, line.1),
+        gate: Pin::new(gate.0, gate.1),
     }
 }
 
@@ -347,10 +347,10 @@ pub static SLED_F446: Sled = Sled {
         },
     ],
     taps: &[
-        tap('C', 0, 6),
-        tap('C', 1, 7),
-        tap('C', 2, 8),
-        tap('C', 3, 9),
+        tap(('C', 0), ('C', 6)),
+        tap(('C', 1), ('C', 7)),
+        tap(('C', 2), ('C', 8)),
+        tap(('C', 3), ('C', 9)),
     ],
 };
 
@@ -467,7 +467,8 @@ pub static SLED_F303: Sled = Sled {
             ],
         },
     ],
-    taps: &[],
+    // A guardian has neither servos nor a remote control.
+    taps: &[tap(('B', 4), ('A', 7))],
 };
 
 impl Sled {

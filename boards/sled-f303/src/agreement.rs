@@ -14,7 +14,6 @@ const fn dma_is(unit: usize, number: Interrupt) -> bool {
 const _: () = assert!(
     interrupt::TIM2 == Interrupt::TIM2 as u16
         && interrupt::TIM2 + 1 == Interrupt::TIM3 as u16
-        && interrupt::TIM1_UPDATE == Interrupt::TIM1_UP_TIM16 as u16
         && interrupt::TIM7 == Interrupt::TIM7 as u16
         && interrupt::USART1 == Interrupt::USART1_EXTI25 as u16
         && interrupt::USART1 + 1 == Interrupt::USART2_EXTI26 as u16

@@ -17,6 +17,7 @@
 //! | PA1, PA3 | analogue | ADC1_IN2, ADC1_IN4, DMA1 channel 1 | left and right distance sensor, divided by three |
 //! | PA7, PA10 | servo pulses, AF6 | TIM1_CH1N, TIM1_CH3 | left and right motor driver (Victor SP), 10 kohm to ground |
 //! | PB5, PB4 | run, stop, pull-down | GPIO | remote control, 10 kohm to ground and 1 kohm in series |
+//! | PB4, PA7 | capture, AF2; push-pull, high = closed | TIM3_CH1, GPIO | of a guardian's sled: TX line of the guarded node, and its gate ([`tap`]) |
 //!
 //! # Wiring
 //!
@@ -65,7 +66,8 @@
 //! # Timers
 //!
 //! TIM2 is the time base and window timer ([`time`]), TIM3 starts the conversions of the
-//! potentiometer or of the distance sensors, TIM1 makes the servo pulses. The watchdog has its own oscillator.
+//! potentiometer or of the distance sensors, TIM1 makes the servo pulses. On a guardian's sled TIM3 captures the edges of
+//! the TX line, and TIM7 asks for looks at it. The watchdog has its own oscillator.
 
 #![no_std]
 
@@ -79,6 +81,7 @@ pub mod pot;
 mod registers;
 pub mod remote;
 pub mod servos;
+pub mod tap;
 pub mod watchdog;
 
 pub use bus::{CanPort, Timings};
@@ -139,7 +142,9 @@ pub struct Rest {
     adc_channel: C1,
     pulses: Option<Pulses>,
     remote: Option<RemotePins>,
+    look_timer: pac::TIM7,
     bus: rcc::APB2,
+    slow_bus: rcc::APB1,
     clocks: Clocks,
     pins: Pins,
 }
@@ -159,6 +164,7 @@ struct Pins {
     functions_a: (gpioa::AFRL, gpioa::AFRH),
     modes_b: gpiob::MODER,
     pulls_b: gpiob::PUPDR,
+    functions_b: (gpiob::OTYPER, gpiob::AFRL),
 }
 
 /// Lets the clock through to what needs nothing but that.
@@ -250,7 +256,9 @@ impl Sled {
                 adc_channel: channels.ch1,
                 pulses: Some((device.TIM1, a.pa7, a.pa10)),
                 remote: Some((b.pb5, b.pb4)),
+                look_timer: device.TIM7,
                 bus: rcc.apb2,
+                slow_bus: rcc.apb1,
                 clocks,
                 pins: Pins {
                     distances: (a.pa1, a.pa3),
@@ -260,6 +268,7 @@ impl Sled {
                     functions_a: (a.afrl, a.afrh),
                     modes_b: b.moder,
                     pulls_b: b.pupdr,
+                    functions_b: (b.otyper, b.afrl),
                 },
             },
         })
@@ -316,6 +325,26 @@ impl Rest {
         Some(remote::Remote::new(
             run.into_pull_down_input(modes, pulls),
             stop.into_pull_down_input(modes, pulls),
+        ))
+    }
+
+    /// Starts the TX line of one node and its gate, which is open (a guardian). `None` if servo outputs or the remote control
+    /// were taken, whose pins these are.
+    pub fn tap(mut self) -> Option<tap::Tap> {
+        let (_, gate, _) = self.pulses.take()?;
+        let (_, line) = self.remote.take()?;
+        gate::open::<pac::TIM7>(&mut self.slow_bus);
+        let pins = &mut self.pins;
+        let gate = gate.into_push_pull_output(&mut pins.modes_a, &mut pins.types_a);
+        let (types_b, low_b) = &mut pins.functions_b;
+        let line = line.into_af_push_pull::<2>(&mut pins.modes_b, types_b, low_b);
+        let clock = 2 * self.clocks.apb1;
+        Some(tap::start(
+            line,
+            gate,
+            self.adc_timer,
+            self.look_timer,
+            clock,
         ))
     }
 

@@ -16,7 +16,6 @@ const _: () = assert!(
         && interrupt::TIM2 == Interrupt::TIM2 as u16
         && interrupt::TIM2 + 1 == Interrupt::TIM3 as u16
         && interrupt::TIM2 + 2 == Interrupt::TIM4 as u16
-        && interrupt::TIM1_UPDATE == Interrupt::TIM1_UP_TIM10 as u16
         && interrupt::TIM7 == Interrupt::TIM7 as u16
         && interrupt::USART1 == Interrupt::USART1 as u16
         && interrupt::USART1 + 1 == Interrupt::USART2 as u16

@@ -55,16 +55,26 @@ impl Board {
         lines.find(|(_, line)| line.pin == mcu)
     }
 
-    /// Name of the net of the pin that closes the gate of a guarded node, counted from 0.
-    fn gate(&self, place: usize) -> String {
-        format!("{}gates.{}", self.prefix, place + 1)
+    /// Name of the net of the pin that closes the gate of a guarded node, counted from 0, and its terminals. That may be the
+    /// output of another node.
+    fn gate(&self, place: usize) -> (String, &'static str) {
+        let lines = |connector: &'static Connector| {
+            let lines = connector.signals.iter();
+            lines.map(move |line| (connector, line))
+        };
+        let mut lines = self.sled.connectors.iter().flat_map(lines);
+        let gate = self.sled.taps.get(place).map(|tap| tap.gate);
+        match lines.find(|(_, line)| Some(line.pin) == gate) {
+            Some((connector, line)) => (self.net(connector, line), connector.name),
+            None => (format!("{}gates.{}", self.prefix, place + 1), "gates"),
+        }
     }
 
     /// The names that the net of a pin of a header may have. Without a name the pin is open.
     fn names(&self, pin: &HeaderPin) -> Vec<String> {
         let mut taps = self.sled.taps.iter();
         if let Some(place) = taps.position(|tap| Some(tap.gate) == pin.mcu()) {
-            return vec![self.gate(place)];
+            return vec![self.gate(place).0];
         }
         match self.line(pin) {
             Some((place, _)) if ON_NUCLEO.contains(&place.name) => Vec::new(),
@@ -229,12 +239,16 @@ pub fn gate(netlist: &Netlist, board: &Board) -> Vec<String> {
     ask(tap, "guard");
     ask(input, "guard");
     for (place, tap) in board.sled.taps.iter().enumerate() {
-        ask(board.gate(place), "gates");
-        // The guardian has its taps where another node has its switches.
+        let (gate, terminal) = board.gate(place);
+        ask(gate, terminal);
+        // The guardian has its taps where another node has its switches or its remote control.
         let lines = board.sled.connectors.iter();
         for connector in lines {
             for line in connector.signals.iter().filter(|line| line.pin == tap.line) {
-                ask(board.net(connector, line), connector.name);
+                let line = board.net(connector, line);
+                let outside = format!("{line}/in");
+                let is_behind = resistance(netlist, &outside, &line).is_some();
+                ask(if is_behind { outside } else { line }, connector.name);
             }
         }
     }

@@ -401,7 +401,7 @@ fn the_guide_names_the_pins_and_the_parts_of_the_bench() {
 #[test]
 fn the_taps_of_a_guardian_are_those_of_the_code() {
     let text = fs::read_to_string(path("README.md")).unwrap();
-    let taps = Sled::F446.taps.iter();
+    let taps = Sled::F446.taps.iter().chain(Sled::F303.taps);
     let rows = taps.map(|tap| {
         format!(
             "| P{}{} | P{}{} |",

@@ -806,7 +806,15 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
         ("guardian.enabled=perhaps", "guardian.enabled"),
         (
             "guardian.node.board=f303",
-            "guardian.node.board is \"f303\": f446 is accepted, which has taps for TX lines",
+            "guardian.guards has 4: 1 are accepted, one for each tap of the board f303",
+        ),
+        (
+            "guardian.node.board=f303;guardian.guards=[\"gps\"]",
+            "guardian.guards has \"gps\": a guardian on the board f303 accepts a node that is no potential master",
+        ),
+        (
+            "guardian.node.board=f303;guardian.guards=[\"guardian\"]",
+            "guardian.guards: there is no node \"guardian\" to guard",
         ),
         (
             "guardian.node.name=drive",

@@ -580,6 +580,21 @@ impl<const P: usize> Watch<P> {
         self.settle();
     }
 
+    /// When the first spell that is not stopped for good reaches its limit: a look there closes its gate, or finds that it
+    /// goes on behind a closed one.
+    pub fn limit(&self) -> Option<Stamp> {
+        let counted = self.active & !(self.struck & self.clipped);
+        let mut limit: Option<Stamp> = None;
+        // loop-bound: senders=32
+        for (at, spell) in self.spells.iter().enumerate() {
+            let is_counted = counted.wrapping_shr(at as u32) & 1 != 0;
+            if is_counted && limit.is_none_or(|limit| !spell.until.reached(limit)) {
+                limit = Some(spell.until);
+            }
+        }
+        limit
+    }
+
     /// When a look that finds the lines as the one before did changes something. An owner that edges wake can leave
     /// earlier ones out.
     pub fn due(&self) -> Option<Stamp> {

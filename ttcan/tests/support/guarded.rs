@@ -113,13 +113,133 @@ struct Rounds {
     account: Option<u64>,
 }
 
+/// A guardian of one node. Its lower half works at once, or in steps as on a board.
+enum Single {
+    Whole(Box<Guardian<'static, 1>>),
+    InSteps(Box<Steps>),
+}
+
+struct Steps {
+    watch: Watch<1>,
+    judge: Judge<'static, 1>,
+    /// When the next step is due, and how many there were.
+    due: Stamp,
+    count: u32,
+}
+
+/// From one step to the next in ticks, and how late one ends: 300 us each.
+const STEPS: u32 = 300 * TICKS_PER_US;
+
+impl Steps {
+    /// Makes the steps that end ahead of `now`. All that they find has happened before they began.
+    fn settle(&mut self, now: Stamp) {
+        let now = now.before(STEPS);
+        while now.reached(self.due) {
+            if !self.watch.has_news() && !self.judge.is_behind(self.due) {
+                // But for what time changes, nothing does until a look or a frame.
+                let steps = now.ticks_since(self.due).unsigned_abs() / STEPS;
+                let skipped = steps.saturating_sub(100) & !1;
+                self.due = self.due.after(skipped * STEPS);
+            }
+            let now = self.due;
+            self.judge.rule(&self.watch.news(), now);
+            self.count += 1;
+            if self.count.is_multiple_of(2) {
+                let outlook = self.judge.look_ahead(now);
+                self.watch.publish(&outlook, 0);
+            } else {
+                let orders = self.judge.account(self.watch.driving(), now);
+                self.watch.obey(orders);
+            }
+            self.due = now.after(STEPS);
+        }
+    }
+
+    fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
+        self.settle(stamp);
+        if self.judge.receive(frame, stamp, &self.watch.evidence()) {
+            let outlook = self.judge.look_ahead(stamp);
+            self.watch.publish(&outlook, 0);
+        }
+    }
+}
+
+impl Single {
+    /// From now on its lower half works in steps.
+    fn work_in_steps(self, now: Stamp) -> Self {
+        let Self::Whole(guardian) = self else {
+            return self;
+        };
+        let (watch, judge) = guardian.halves();
+        let due = now.after(STEPS);
+        Self::InSteps(Box::new(Steps {
+            watch,
+            judge,
+            due,
+            count: 0,
+        }))
+    }
+
+    fn look(&mut self, lines: Lines, now: Stamp) -> Gates {
+        match self {
+            Self::Whole(guardian) => guardian.look(lines, now),
+            Self::InSteps(steps) => {
+                steps.settle(now);
+                steps.watch.look(lines, now)
+            }
+        }
+    }
+
+    fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) -> Gates {
+        match self {
+            Self::Whole(guardian) => guardian.handle_frame(frame, stamp),
+            Self::InSteps(steps) => {
+                steps.handle_frame(frame, stamp);
+                steps.watch.gates()
+            }
+        }
+    }
+
+    fn is_between_spells(&self) -> bool {
+        match self {
+            Self::Whole(guardian) => guardian.is_between_spells(),
+            Self::InSteps(steps) => steps.watch.is_between_spells(),
+        }
+    }
+
+    fn is_at_rest(&self) -> bool {
+        match self {
+            Self::Whole(guardian) => guardian.is_at_rest(),
+            Self::InSteps(steps) => steps.watch.is_at_rest(),
+        }
+    }
+
+    fn due(&self) -> Stamp {
+        match self {
+            Self::Whole(guardian) => guardian.due(),
+            Self::InSteps(steps) => {
+                let wake = steps.due.after(STEPS);
+                let due = steps.watch.due().filter(|due| wake.reached(*due));
+                due.unwrap_or(wake)
+            }
+        }
+    }
+
+    fn trips(&self) -> (u16, Option<Trip>) {
+        match self {
+            Self::Whole(guardian) => guardian.trips(0),
+            Self::InSteps(steps) => steps.judge.trips(0),
+        }
+    }
+}
+
 /// A guardian of `P` senders, and what happens around it.
 pub(crate) struct Guarded<const P: usize> {
     pub(crate) watch: Watch<P>,
     pub(crate) judge: Judge<'static, P>,
     rounds: Rounds,
     /// A guardian of each node alone, and the gates that they open.
-    singles: Vec<Guardian<'static, 1>>,
+    singles: Vec<Single>,
     singly_open: u32,
     /// Nodes with a guardian of their own, bit by bit. With any, the guardian of all nodes only watches, the other
     /// nodes have no gate, and guardians sleep while their lines are at rest.
@@ -186,7 +306,10 @@ impl<const P: usize> Guarded<P> {
         let guardian = Guardian::new(schedule, central, senders, now).expect("it is sound");
         let (watch, judge) = guardian.halves();
         let singles = senders
-            .map(|node| Guardian::new(schedule, config, [node], now).expect("it is sound"))
+            .map(|node| {
+                let guardian = Guardian::new(schedule, config, [node], now);
+                Single::Whole(Box::new(guardian.expect("it is sound")))
+            })
             .into();
         let open = watch.gates();
         let mut guarded = Self {
@@ -232,17 +355,22 @@ impl<const P: usize> Guarded<P> {
         if end == 0 { 0 } else { mixed % end }
     }
 
+    /// From now on guardians of one node work in steps.
+    pub(crate) fn work_in_steps(&mut self, now: u64) {
+        let now = self.stamp(now);
+        let singles = core::mem::take(&mut self.singles);
+        let singles = singles.into_iter();
+        self.singles = singles.map(|single| single.work_in_steps(now)).collect();
+    }
+
     /// How often each node was cut by the guardian that sees only this one.
     pub(crate) fn singly(&self) -> Vec<u16> {
-        self.singles
-            .iter()
-            .map(|single| single.trips(0).0)
-            .collect()
+        self.singles.iter().map(|single| single.trips().0).collect()
     }
 
     /// Why the guardian of a node alone has cut it the last time.
     pub(crate) fn reason(&self, node: usize) -> Option<Trip> {
-        self.singles.get(node).and_then(|single| single.trips(0).1)
+        self.singles.get(node).and_then(|single| single.trips().1)
     }
 
     pub(crate) fn is_open(&self, sender: usize) -> bool {
@@ -444,7 +572,7 @@ impl<const P: usize> Guarded<P> {
             let all = self.own == 0;
             let awake = self.singles.iter().filter(|_| !self.by_edges);
             let awake = awake.filter(|single| all || !single.is_at_rest());
-            let asked = awake.map(Guardian::due);
+            let asked = awake.map(Single::due);
             let dues = wake.into_iter().flatten().chain(asked);
             let at = self.stamp(now);
             let ahead = dues.map(|due| due.ticks_since(at)).min().unwrap_or(0);
@@ -488,7 +616,7 @@ impl<const P: usize> Guarded<P> {
     pub(crate) fn cuts(&self, sender: usize) -> (u16, Option<Trip>) {
         match self.own {
             0 => self.trips(sender),
-            own if own >> sender & 1 == 1 => self.singles[sender].trips(0),
+            own if own >> sender & 1 == 1 => self.singles[sender].trips(),
             _ => (0, None),
         }
     }

@@ -14,10 +14,9 @@
 //! | [`Twin`] | all nodes of a vehicle and the world around them; [`run`] |
 //!
 //! # What is emulated
-//! The core is `rsemu`'s ARMv7E-M with NVIC, SysTick and FPU; GPIO ports and the other timers are
-//! `rsemu`'s too. This crate models clock control, USARTs, DMA, ADC, watchdog, power and flash control,
-//! and the timers that make pulses (TIM1) and capture edges (TIM11, TIM16), after the reference manuals
-//! RM0390 and RM0316, and tests each at its registers. The bus and bxCAN come
+//! The core is `rsemu`'s ARMv7E-M with NVIC, SysTick and FPU; GPIO ports and timers are `rsemu`'s
+//! too. This crate models clock control, USARTs, DMA, ADC, watchdog, power and flash control after
+//! the reference manuals RM0390 and RM0316, and tests each at its registers. The bus and bxCAN come
 //! from `can-bus`. The images run unchanged.
 //!
 //! Pins matter: a USART or CAN controller is disconnected until the program assigns its pins to it.

@@ -29,7 +29,7 @@ pub(crate) enum Block {
     Adc,
     Can,
     Crc,
-    /// The timer that captures a clock of the part or, on the F303, the edges of a pin.
+    /// The timer whose input can be a clock of the part.
     Capture,
     /// The timer that makes pulses.
     Pulses,
@@ -49,9 +49,9 @@ pub(crate) const TIMERS: [u8; 4] = [2, 3, 4, 7];
 /// Index of TIM3 in [`TIMERS`], whose TRGO starts the ADC scans.
 pub(crate) const TIM3: usize = 1;
 
-/// The pin of channel 1 of the F303's TIM16, and its alternate function (DS9866, alternate functions
-/// of port A). The other pins that can be this channel are not connected to the model.
-pub(crate) const TIM16_INPUT: (Pin, u8) = (Pin::new('A', 6), 1);
+/// The pin of channel 1 of the F303's TIM3, and its alternate function (DS9866, alternate functions
+/// of port B). The other pins that can be this channel are not connected to the model.
+pub(crate) const TIM3_INPUT: (Pin, u8) = (Pin::new('B', 4), 2);
 
 const fn slot(base: u32, block: Block, gate: Option<(u32, u32, u32)>) -> Slot {
     Slot { base, block, gate }

@@ -335,35 +335,34 @@ fn a_debugger_sees_and_sets_all_registers() {
     );
 }
 
-const TIM16: u32 = 0x4001_4400;
+const TIM3: u32 = 0x4000_0400;
 
-/// The sender and a receiver, each with a tap of its own; the receiver's tap is at PA6. It stores the count of
-/// TIM16 at each edge in the RAM from 0x2000_1100 on.
+/// The sender and a receiver, each with a tap of its own; the receiver's tap is at PB4. It stores the count of
+/// TIM3 at each edge in the RAM from 0x2000_1100 on.
 fn guarded() -> Network {
     let mut program = receiver();
     program.handler(1);
     program
         .open(0x4002_1014, 0x14 | 1 << 17 | 1 << 18)
-        .open(0x4002_101C, 1 << 25)
-        .open(0x4002_1018, 1 << 17)
-        .poke(0x4800_0020, 1 << 24)
+        .open(0x4002_101C, 1 << 25 | 1 << 1)
+        .poke(0x4800_0420, 2 << 16)
         .poke(0x4800_0024, 9 << 16 | 9 << 12)
         .poke(
             0x4800_0000,
-            0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22 | 2 << 12,
+            0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22,
         )
-        .poke(TIM16 + 0x18, 1)
-        .poke(TIM16 + 0x20, 1 | 1 << 1 | 1 << 3)
-        .poke(TIM16 + 0x0C, 1 << 1)
-        .poke(TIM16, 1)
-        .enable(25)
+        .poke(TIM3 + 0x18, 1)
+        .poke(TIM3 + 0x20, 1 | 1 << 1 | 1 << 3)
+        .poke(TIM3 + 0x0C, 1 << 1)
+        .poke(TIM3, 1)
+        .enable(29)
         .constant(4, 0x2000_1100);
     join(&mut program, 2);
     program.poke(CAN + 0x14, 1 << 1).enable(20).sleep_for_ever();
-    program.handler(16 + 25);
+    program.handler(16 + 29);
     // STM r4!, {r2}
     program
-        .peek(TIM16 + 0x34)
+        .peek(TIM3 + 0x34)
         .half(0xC404)
         .return_from_handler();
     let mut network = Network::new();
@@ -371,7 +370,7 @@ fn guarded() -> Network {
     network.add(program.image(Part::F303), &Board::default());
     for (node, line, gate) in [
         (0, Pin::new('C', 0), Pin::new('C', 1)),
-        (1, Pin::new('A', 6), Pin::new('A', 4)),
+        (1, Pin::new('B', 4), Pin::new('A', 4)),
     ] {
         network.guard(node, [(node, line, gate)]);
     }

@@ -34,9 +34,8 @@ mod app {
     use firmware::board::taps::Taps;
     use firmware::board::watchdog::Watchdog;
     use firmware::board::{self, CanPort, time::Clock};
-    use firmware::console::Line;
     use firmware::fault;
-    use firmware::guard::{self, Lower, Taken, Told, Trips};
+    use firmware::guard::{Lower, Taken, Teller};
     use ttcan::guardian::{Guardian, GuardianConfig, GuardianState, Lines, Watch};
     use ttcan::{Micros, Stamp, StampLatency};
     use uagv::guarded;
@@ -59,8 +58,6 @@ mod app {
     const STEPS: u8 = 45;
     const REPORTS: u8 = 10;
     const TELL_MS: u32 = 112;
-    /// Steps of `tell` between two lines about the state, about a second.
-    const TELLS: u32 = 9;
 
     const _: () = assert!(
         NODES == board::FACTS.taps.len(),
@@ -232,27 +229,12 @@ mod app {
         }
     }
 
-    /// One node in each step, so that a step is short.
-    #[task(binds = TAMP_STAMP, priority = 1, shared = [lower, console], local = [told: Told<NODES> = Told::new(), steps: u32 = 0])]
+    #[task(binds = TAMP_STAMP, priority = 1, shared = [lower, console], local = [teller: Teller<NODES> = Teller::new()])]
     fn tell(mut cx: tell::Context) {
-        *cx.local.steps = cx.local.steps.wrapping_add(1);
-        let steps = *cx.local.steps;
-        let told = cx.local.told;
-        let mut line = Line::new();
-        if steps.is_multiple_of(TELLS) {
-            let state = cx.shared.lower.lock(|lower| lower.judge.state());
-            guard::state(&mut line, state, &guarded::NAMES, told.counts());
-        } else {
-            let node = steps as usize % NODES;
-            let trips: Trips = cx.shared.lower.lock(|lower| lower.judge.trips(node));
-            let at_ms = steps.wrapping_mul(TELL_MS);
-            if let Some(cut) = told.news(node, trips, at_ms)
-                && let Some(name) = guarded::NAMES.get(node)
-            {
-                cut.log();
-                guard::cut(&mut line, name, cut);
-            }
-        }
+        let line = cx
+            .local
+            .teller
+            .step(cx.shared.lower, &guarded::NAMES, TELL_MS);
         if !line.as_bytes().is_empty() {
             let push = |console: &mut Console| console.push(line.as_bytes());
             cx.shared.console.lock(push);

@@ -118,6 +118,10 @@ impl Port {
         for pin in 0..16 {
             let level = self.level_from_outside(pin);
             self.model.set_external(u32::from(pin), level);
+            // A peripheral's input, too, has the level that comes from outside. What a peripheral sends is modelled
+            // elsewhere.
+            let driven = self.external(pin).unwrap_or(false);
+            self.model.set_alternate(u32::from(pin), driven);
         }
     }
 
@@ -157,6 +161,16 @@ mod tests {
         port.drive(5, None);
         port.write(0x0C, 0);
         assert_eq!(port.read(0x10), Some(0));
+    }
+
+    #[test]
+    fn a_peripherals_input_reads_as_the_level_from_outside() {
+        let mut port = Port::new(Family::F3, 1);
+        port.write(0x00, 2 << 8);
+        port.drive(4, Some(true));
+        assert_eq!(port.read(0x10).unwrap() >> 4 & 1, 1);
+        port.drive(4, Some(false));
+        assert_eq!(port.read(0x10).unwrap() >> 4 & 1, 0);
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{
-    Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIM16_INPUT, TIMERS,
+    Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIM3_INPUT, TIMERS,
 };
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
@@ -508,8 +508,6 @@ impl Peripherals {
         for timer in &self.timers {
             raise(timer.irq(), timer.interrupt());
         }
-        let captured = self.part.family == Family::F3 && self.capture.interrupt();
-        raise(interrupt::TIM1_UPDATE, captured);
         for (k, usart) in self.usarts.iter().enumerate() {
             raise(interrupt::USART1 + k as u16, usart.interrupt());
         }
@@ -625,8 +623,6 @@ impl Peripherals {
         }
         let clocked = self.gate_open(Block::Pulses);
         self.pulses.set_clock(now, clocked, tree.timer2);
-        let clocked = self.gate_open(Block::Capture);
-        self.capture.set_clock(now, clocked, tree.timer2);
         for k in 0..self.usarts.len() {
             let divider = match (self.part.family, k) {
                 (Family::F4, 0) => tree.apb2,
@@ -730,16 +726,16 @@ impl Peripherals {
         }
     }
 
-    /// Channel 1 of TIM16 sees its pin while that is assigned to it.
+    /// Channel 1 of TIM3 sees its pin while that is assigned to it.
     fn watch_input(&mut self, port: usize) {
-        let (pin, alternate) = TIM16_INPUT;
+        let (pin, alternate) = TIM3_INPUT;
         if self.part.family != Family::F3 || port != pin.port_index() {
             return;
         }
         let port = &self.ports[port];
         let connected = port.routed(pin.number, alternate);
-        let level = connected.then(|| port.level_from_outside(pin.number));
-        self.capture.drive(level, self.now);
+        let level = connected && port.level_from_outside(pin.number);
+        self.timers[TIM3].drive(level, self.now);
     }
 
     /// The level of a pin that a timer's output is wired to. A driver from outside is stronger than
@@ -1095,7 +1091,7 @@ impl Peripherals {
                 Some(_) => None,
             },
         };
-        if matches!(slot.block, Block::Usart(_) | Block::Adc | Block::Capture) {
+        if matches!(slot.block, Block::Usart(_) | Block::Adc | Block::Tim(_)) {
             // Reading a data or capture register clears flags and requests.
             self.refresh();
         }

@@ -5,7 +5,7 @@
 
 use crate::clock::{Cycles, NEVER};
 use parts::interrupt;
-use rsemu::core::device::{Device, ResetKind};
+use rsemu::core::device::{Device, ResetKind, SinkPin};
 use rsemu::core::props::Props;
 use rsemu::core::space::MemOps;
 use rsemu::core::wire::{Level, Wire, WireId, WireIdAllocator, WireSink, WireSource};
@@ -47,6 +47,8 @@ pub(crate) struct Timer {
     registers: Arc<dyn MemOps>,
     interrupt: Arc<Probe>,
     trigger: Arc<Probe>,
+    /// The input of channel 1.
+    input: Option<Input>,
     /// Core cycles per tick, and the tick that corresponds to a given cycle.
     divider: u64,
     origin_cycle: Cycles,
@@ -55,9 +57,28 @@ pub(crate) struct Timer {
     clocked: bool,
 }
 
+/// A line to an input of the model, and its level.
+#[derive(Debug)]
+struct Input {
+    pin: SinkPin,
+    id: WireId,
+    high: bool,
+}
+
+impl Input {
+    fn drive(&mut self, high: bool) {
+        self.high = high;
+        let level = if high { Level::High } else { Level::Low };
+        self.pin.sink.set_level(self.id, self.pin.line, level);
+    }
+}
+
 impl Clone for Timer {
     fn clone(&self) -> Self {
-        let copy = Self::new(self.number).expect("a timer of this number has been made before");
+        let mut copy = Self::new(self.number).expect("a timer of this number has been made before");
+        if let (Some(input), Some(own)) = (&mut copy.input, &self.input) {
+            input.drive(own.high);
+        }
         super::transfer(&self.model, &copy.model);
         // The model drives its outputs as it takes its state over.
         copy.interrupt.follow(&self.interrupt);
@@ -100,6 +121,13 @@ impl Timer {
                 .build_shared();
             model.connect(port, WireSource::new(wire, id))?;
         }
+        let id = ids.alloc();
+        let input = model.sink("ti1", &[id]);
+        let input = input.map(|pin| Input {
+            pin,
+            id,
+            high: false,
+        });
         let registers = super::registers_of(&model);
         Ok(Self {
             number,
@@ -107,6 +135,7 @@ impl Timer {
             registers,
             interrupt,
             trigger,
+            input,
             divider: 1,
             origin_cycle: 0,
             origin_tick: 0,
@@ -116,6 +145,12 @@ impl Timer {
 
     pub(crate) fn reset(&mut self) {
         self.model.reset(ResetKind::Cold);
+        // The pin keeps its level.
+        if let Some(input) = &mut self.input {
+            let high = input.high;
+            input.drive(!high);
+            input.drive(high);
+        }
     }
 
     fn tick(&self, now: Cycles) -> u64 {
@@ -167,6 +202,14 @@ impl Timer {
     pub(crate) fn write(&mut self, offset: u32, value: u32, now: Cycles) {
         self.advance(now);
         super::write_word(&*self.registers, offset, value);
+    }
+
+    /// The pin of channel 1 takes a level.
+    pub(crate) fn drive(&mut self, high: bool, now: Cycles) {
+        self.advance(now);
+        if let Some(input) = self.input.as_mut().filter(|input| input.high != high) {
+            input.drive(high);
+        }
     }
 
     /// Number of its interrupt.
