@@ -564,6 +564,19 @@ proptest! {
     }
 }
 
+/// An edge of hundreds of corners that cross at will, on which the library that joins polygons finds an assertion of its own
+/// broken. What it returns is checked by its areas.
+#[test]
+fn what_a_fuzzer_has_found_is_divided_or_refused() {
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/corpus/field");
+    let inputs = std::fs::read_dir(corpus).unwrap();
+    let inputs: Vec<_> = inputs.map(|input| input.unwrap().path()).collect();
+    assert!(!inputs.is_empty());
+    for input in inputs {
+        fuzz::field(&std::fs::read(input).unwrap());
+    }
+}
+
 #[test]
 fn a_line_ends_where_the_field_does() {
     let hole = [(40.0, 0.0), (40.0, 60.0), (60.0, 60.0), (60.0, 0.0)];
