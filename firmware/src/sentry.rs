@@ -45,6 +45,8 @@ pub struct Sentry<L> {
     /// When it was released last, and whether `watch` does not know of that yet.
     edge: Stamp,
     released: bool,
+    /// There was a look since that was asked.
+    looks: bool,
 }
 
 /// Half bits of the rest that ends a spell: the five recessive bits in a row that a frame may have, and a half.
@@ -61,12 +63,14 @@ impl<L: Line> Sentry<L> {
             fell: false,
             edge: Stamp(0),
             released: false,
+            looks: false,
         }
     }
 
     /// A look, every 5.5 bits at least. At most one look of `watch` follows from it, at the stamp of what is to be told: that the
     /// rest of the line ended, that it was released, or that time has passed.
     pub fn look(&mut self, now: Stamp) {
+        self.looks = true;
         let Some(seen) = self.line.look() else {
             return;
         };
@@ -108,6 +112,11 @@ impl<L: Line> Sentry<L> {
             self.released = false;
             self.line.rest();
         }
+    }
+
+    /// Whether there was a look since the last call.
+    pub const fn take_looks(&mut self) -> bool {
+        core::mem::replace(&mut self.looks, false)
     }
 
     /// The line as it is now.

@@ -202,6 +202,20 @@ fn the_small_guardians_image_stops_what_is_outside_the_windows() {
     stops_what_is_outside_the_windows(Guards::Drive, 0, matrix::DRIVE);
 }
 
+/// Its watchdog bites, and the gate opens.
+#[test]
+fn a_small_guardian_that_does_not_look_any_more_starts_again() {
+    let mut rig = Rig::new(Guards::Drive);
+    let (tim7_cr1, tim2_dier) = (0x4000_1400, 0x4000_000C);
+    for (begun, register) in [(2, tim7_cr1), (3, tim2_dier)] {
+        let node = rig.network.node_mut(0);
+        assert!(node.write_register(register, 0));
+        rig.pass(1000 * MS);
+        assert_eq!(rig.network.node(0).resets().len(), begun);
+        assert_eq!(rig.closed(), 0);
+    }
+}
+
 /// The usual run, with a guardian or without.
 struct Run {
     twin: Twin,

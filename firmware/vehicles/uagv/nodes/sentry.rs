@@ -14,8 +14,8 @@
 //! | `console_dma` | DMA1 channel 7 | 1 | end of a console line |
 //!
 //! No task waits for an instant, because the timer queue of `rtic-monotonics` masks all interrupts for longer than a
-//! look may be late. `report` feeds the watchdog only if `step` ran since its step before: if steps end, the watchdog
-//! bites, and the gate opens.
+//! look may be late. `report` feeds the watchdog only if `look` and `step` ran since its step before: if one of them
+//! ends, the watchdog bites, and the gate opens.
 
 #![no_std]
 #![no_main]
@@ -202,10 +202,11 @@ mod app {
         cx.shared.console.lock(Console::on_transfer_complete);
     }
 
-    #[task(binds = EXTI1, priority = 2, shared = [lower], local = [led, watchdog, reports: u8 = 0])]
+    #[task(binds = EXTI1, priority = 2, shared = [sentry, lower], local = [led, watchdog, reports: u8 = 0])]
     fn report(mut cx: report::Context) {
         let (ruled, state) = cx.shared.lower.lock(Lower::report);
-        if ruled {
+        let looks = cx.shared.sentry.lock(|sentry| sentry.take_looks());
+        if ruled && looks {
             cx.local.watchdog.feed();
         }
         cx.local.led.set(state == GuardianState::InSchedule);
