@@ -6,21 +6,9 @@
 //! From look to look it may take 5.5 bits with all delays. Then the first look behind a spell tells when the line was
 //! released, the next one finds that it has been recessive for 5.5 bits, and both come within the 11 bits that it rests.
 
+use sled_common::tap::Seen;
 use ttcan::Stamp;
 use ttcan::guardian::{Evidence, Lines, News, Orders, Outlook, Watch};
-
-/// What a look found of a line that is not at rest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
-    /// How long ago its rest ended, in ticks.
-    pub age: u32,
-    /// It is dominant.
-    pub dominant: bool,
-    /// It has become dominant since the look before.
-    pub fell: bool,
-    /// It was released since the look before: so many ticks ago, the last time.
-    pub released: Option<u32>,
-}
 
 /// The TX line of the guarded node, and its gate.
 pub trait Line {
@@ -152,13 +140,7 @@ impl<L: Line> Sentry<L> {
 impl Line for crate::board::tap::Tap {
     #[inline]
     fn look(&mut self) -> Option<Seen> {
-        let seen = self.look()?;
-        Some(Seen {
-            age: seen.age,
-            dominant: seen.dominant,
-            fell: seen.fell,
-            released: seen.released,
-        })
+        self.look()
     }
     #[inline]
     fn rest(&mut self) {

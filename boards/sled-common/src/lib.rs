@@ -8,6 +8,7 @@
 //! - [`fault`]: the record of the last fault, which outlives a reset;
 //! - [`clock`]: the clocks of a running board, and why it started;
 //! - [`starts`]: the number of a start, counted in the flash;
+//! - [`tap`]: what a guardian sees of a TX line;
 //! - [`selftest`]: what a board finds out about itself, by means of [`memory`], [`image`] and
 //!   [`stack`];
 //! - `tick`, on a target only: the priority of SysTick.
@@ -32,5 +33,6 @@ pub mod secret;
 pub mod selftest;
 pub mod stack;
 pub mod starts;
+pub mod tap;
 #[cfg(target_os = "none")]
 pub mod tick;

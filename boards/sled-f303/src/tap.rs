@@ -13,6 +13,7 @@
 //! rest starts its counter, and its channels capture the last edge of each kind.
 
 use crate::pac;
+use sled_common::tap::Seen;
 use stm32f3xx_hal::gpio::{AF2, Output, PA7, PB4, PushPull};
 use stm32f3xx_hal::prelude::*;
 
@@ -30,19 +31,6 @@ pub struct Tap {
     gate: PA7<Output<PushPull>>,
     edges: pac::TIM3,
     looks: pac::TIM7,
-}
-
-/// What a look found of a line that is not at rest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
-    /// How long ago its rest ended, in ticks.
-    pub age: u32,
-    /// It is dominant.
-    pub dominant: bool,
-    /// It has become dominant since the look before.
-    pub fell: bool,
-    /// It was released since the look before: so many ticks ago, the last time.
-    pub released: Option<u32>,
 }
 
 /// Starts the timers, which run at `clock` hertz. Their clock gates are open. The line is at rest, and the gate is open.

@@ -932,7 +932,10 @@ fn guardian(guardian: &BusGuardian, manifest: &Manifest, network: &Network) -> R
             return Err(format!("guardian.guards: node {name:?} stands twice"));
         }
         // It repeats its reference when nobody acknowledges it, and that is not seen on its own line.
-        let mut masters = network.nodes.iter().filter(|node| node.master_rank.is_some());
+        let mut masters = network
+            .nodes
+            .iter()
+            .filter(|node| node.master_rank.is_some());
         if sled.taps.len() == 1 && masters.any(|master| master.name == *name) {
             return Err(format!(
                 "guardian.guards has {name:?}: a guardian on the board {} accepts a node that is no potential master, as it sees no other line",
