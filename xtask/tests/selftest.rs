@@ -890,7 +890,7 @@ fn the_vehicle_of_a_real_bus_is_asked_for() {
     assert_eq!(
         error.trim_end(),
         "error: more than one vehicle may be on slcan:/dev/ttyACM7: which one, --vehicle \
-         row-follower or --vehicle tractor or --vehicle two-boards or --vehicle uagv?"
+         row-follower or --vehicle sentry or --vehicle tractor or --vehicle two-boards or --vehicle uagv?"
     );
 }
 

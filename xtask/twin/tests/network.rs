@@ -347,10 +347,7 @@ fn guarded() -> Network {
         .open(0x4002_101C, 1 << 25 | 1 << 1)
         .poke(0x4800_0420, 2 << 16)
         .poke(0x4800_0024, 9 << 16 | 9 << 12)
-        .poke(
-            0x4800_0000,
-            0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22,
-        )
+        .poke(0x4800_0000, 0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22)
         .poke(TIM3 + 0x18, 1)
         .poke(TIM3 + 0x20, 1 | 1 << 1 | 1 << 3)
         .poke(TIM3 + 0x0C, 1 << 1)
@@ -361,10 +358,7 @@ fn guarded() -> Network {
     program.poke(CAN + 0x14, 1 << 1).enable(20).sleep_for_ever();
     program.handler(16 + 29);
     // STM r4!, {r2}
-    program
-        .peek(TIM3 + 0x34)
-        .half(0xC404)
-        .return_from_handler();
+    program.peek(TIM3 + 0x34).half(0xC404).return_from_handler();
     let mut network = Network::new();
     network.add(sender(true).image(Part::F446), &Board::default());
     network.add(program.image(Part::F303), &Board::default());
