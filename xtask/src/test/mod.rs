@@ -311,9 +311,9 @@ fn analyses(workspace: &Workspace, vehicle: &Vehicle, long: bool) -> Vec<Step> {
     let name = vehicle.name();
     let mut steps = Vec::new();
     let mut add = |what: &str, work| steps.push(Step::new(format!("{what}, {name}"), work));
-    // The tasks of a variant are those of the other vehicle, with other numbers.
+    // The tasks of a variant are those of the other vehicle, with other numbers, but for a guardian's.
     let varied = vehicle.variant_of().is_some();
-    if !varied || long {
+    if !varied || long || vehicle.guardian().is_some() {
         add("schedulability", Work::Schedulability(name.to_owned()));
     }
     if varied {
@@ -942,11 +942,9 @@ mod tests {
             for what in ["images", "twin"] {
                 assert!(has(&steps, what, name), "{what}, {name}");
             }
-            let variant = vehicle::find(&workspace, name)
-                .unwrap()
-                .variant_of()
-                .is_some();
-            assert_eq!(has(&steps, "schedulability", name), !variant, "{name}");
+            let vehicle = vehicle::find(&workspace, name).unwrap();
+            let analysed = vehicle.variant_of().is_none() || vehicle.guardian().is_some();
+            assert_eq!(has(&steps, "schedulability", name), analysed, "{name}");
         }
         let long = Test {
             long: true,
