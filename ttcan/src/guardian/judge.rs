@@ -220,9 +220,9 @@ impl<'s, const P: usize> Judge<'s, P> {
         }
     }
 
-    /// A data frame was received from the bus; `stamp` was taken at its end, and `evidence` before
-    /// another spell could begin, if possible: a sender that has begun the next one already is not found as
-    /// the sender of this frame. Returns whether the guardian follows it as a reference, and
+    /// A data frame was received from the bus; `stamp` was taken at its end, and `evidence` up to ten bits behind that: of a
+    /// sender that has begun its next spell by then, the one before is known, and of a spell before that one nothing.
+    /// Returns whether the guardian follows it as a reference, and
     /// [`Judge::look_ahead`] has to be called now. The rest is for [`Judge::account`].
     pub fn receive(&mut self, frame: &Frame, stamp: Stamp, evidence: &Evidence<P>) -> bool {
         let times = &self.plan.times;
