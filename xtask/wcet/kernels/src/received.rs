@@ -76,7 +76,7 @@ pub fn take_or_skip() {
     }
 }
 
-/// Writes a word from memory, of which nothing is known.
+/// Writes a word that it reads from memory. The analysis does not know its value.
 pub fn take_by_mask() {
     write(ANY.load(Ordering::Relaxed));
     if identifier() == URGENT {
