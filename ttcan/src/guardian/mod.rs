@@ -96,8 +96,8 @@
 //! With one sender, a guardian needs little. On a small board beside the node (Furrow's image `sentry` for an STM32F303) it
 //! shares nothing with the node but the wires. Or it runs on the node's own microcontroller, with a timer and
 //! pins of its own at the highest priority, and time for its looks. It then guards against a protocol stack, a driver or a
-//! transmitter that runs wild, because none of them reaches its gate: it has its own copy of the schedule, finds the time of the network
-//! from the received frames by itself, and asks the stack for nothing.
+//! transmitter that runs wild, because none of them reaches its gate: it has its own copy of the schedule, finds the
+//! time of the network from the received frames by itself, and asks the stack for nothing.
 //!
 //! * Its gate has a pull-up, so it is closed from reset until the guardian's tasks run, and again when a
 //!   watchdog resets a processor that runs nothing any more.
