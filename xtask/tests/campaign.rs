@@ -8,6 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use rustix::process::{Pid, Signal};
 use xtask::Workspace;
 
 /// Six sequences of the vehicle that is simulated in the least time.
@@ -112,6 +113,10 @@ fn interrupted(whole: &Path) -> String {
         assert_eq!(run.try_wait().unwrap(), None, "too short to be interrupted");
         thread::sleep(Duration::from_millis(20));
     }
+    // It stands still, or its last sequence could end before the next commands have begun.
+    let process = Pid::from_child(&run);
+    rustix::process::kill_process(process, Signal::STOP).unwrap();
+    assert_eq!(run.try_wait().unwrap(), None, "too short to be interrupted");
     let said = sentence(&done(xtask(&SEQUENCES).args(out)));
     assert!(said.contains("--resume goes on with it"), "{said}");
     let said = sentence(&done(xtask(&SEQUENCES).args(out).arg("--resume")));
