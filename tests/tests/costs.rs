@@ -9,6 +9,16 @@ fn workspace() -> Workspace {
     Workspace::find().unwrap_or_else(|failure| panic!("{failure}"))
 }
 
+/// Whether a table of the crate's README has this row, or one that goes on behind it.
+fn is_told(row: &str) {
+    let readme = workspace().root().join("ttcan/README.md");
+    let text = std::fs::read_to_string(readme).unwrap_or_else(|error| panic!("{error}"));
+    assert!(
+        text.lines().any(|line| line.starts_with(row)),
+        "ttcan/README.md has no row: {row}"
+    );
+}
+
 #[test]
 fn an_event_costs_as_much_with_512_windows_as_with_8() {
     let workspace = workspace();
@@ -30,6 +40,7 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
         assert!(cost.few < most, "{cost:?}");
         // Only the length of address computations may differ.
         assert!(cost.many.abs_diff(cost.few) <= cost.few / 50, "{cost:?}");
+        is_told(&format!("| {} | {} | {} |", cost.event, cost.few, cost.many));
     }
 }
 
@@ -40,6 +51,9 @@ fn a_look_at_four_lines_takes_little_more_than_a_third_of_its_time() {
     let builder = Builder::new(&workspace).unwrap_or_else(|failure| panic!("{failure}"));
     let costs = bench::cycles::guardian(&builder).unwrap_or_else(|failure| panic!("{failure}"));
     println!("{costs:?}");
+    for (event, cycles) in &costs {
+        is_told(&format!("| {event} | {cycles} |"));
+    }
     let [
         (_, rest),
         looks @ ..,
@@ -88,6 +102,7 @@ fn a_node_of_level_1_takes_less_than_3_7_kb_of_code() {
         size.code, size.ram
     );
     assert!((2000..3700).contains(&size.code), "{size:?}");
+    is_told(&format!("| none: level 1, never master | {} |", size.code));
     assert!(size.ram < 512, "{size:?}");
 }
 
@@ -102,4 +117,5 @@ fn a_node_with_everything_takes_10_kib_of_code_at_most() {
         size.code, size.ram
     );
     assert!((8000..=10_240).contains(&size.code), "{size:?}");
+    is_told(&format!("| all (default) | {} |", size.code));
 }
