@@ -26,6 +26,11 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
     let costs = bench::cycles::measure(&builder, bench::EVERYTHING)
         .unwrap_or_else(|failure| panic!("{failure}"));
     assert_eq!(costs.len(), 3);
+    // As a program with another stack it costs the same.
+    let program = builder.events(bench::EVERYTHING);
+    let again = program.and_then(|path| bench::cycles::foreign(&path));
+    let again = again.unwrap_or_else(|failure| panic!("{failure}"));
+    assert_eq!(costs, again);
     for cost in costs {
         println!(
             "{}: {} cycles with 8 windows, {} with 512",
@@ -40,7 +45,10 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
         assert!(cost.few < most, "{cost:?}");
         // Only the length of address computations may differ.
         assert!(cost.many.abs_diff(cost.few) <= cost.few / 50, "{cost:?}");
-        is_told(&format!("| {} | {} | {} |", cost.event, cost.few, cost.many));
+        is_told(&format!(
+            "| {} | {} | {} |",
+            cost.event, cost.few, cost.many
+        ));
     }
 }
 

@@ -1007,8 +1007,12 @@ pub struct Calibrate {
     cargo xtask bench                     tables of cycles and bytes\n  \
     cargo xtask bench --vehicle sprayer    the control step with another vehicle's settings\n  \
     cargo xtask bench --set machine.weights.firm.heading=30.0\n  \
+    cargo xtask bench --elf other.elf     the events of another stack, made as ttcan/benches/peers says\n  \
     cargo xtask bench --json              the same as JSON")]
 pub struct Bench {
+    /// Program with another protocol stack, whose events alone are measured
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["vehicle", "set"])]
+    pub elf: Option<PathBuf>,
     /// Vehicle whose control law is measured, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,

@@ -1,6 +1,6 @@
 //! Cycles of single events on an emulated core.
 
-use std::sync::Arc;
+use std::{fs::File, io::Read, path::Path, sync::Arc};
 
 use object::{Object, ObjectSymbol};
 use twin::{
@@ -64,17 +64,49 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
         program: PROGRAM,
         error,
     })?;
-    let image = Arc::new(image);
+    Ok(costs(&elf, &Arc::new(image))?)
+}
+
+/// Cycles of the events with few and with many windows.
+fn costs(elf: &[u8], image: &Arc<Image>) -> Result<Vec<Cost>, Error> {
     EVENTS
         .into_iter()
         .map(|(event, name)| {
             Ok(Cost {
                 event,
-                few: cost(&elf, &image, "few", name)?,
-                many: cost(&elf, &image, "many", name)?,
+                few: cost(elf, image, "few", name)?,
+                many: cost(elf, image, "many", name)?,
             })
         })
         .collect()
+}
+
+/// Most bytes of a program with another stack; 128 times the flash of the F446 leave room for what helps
+/// debuggers.
+const LARGEST: u64 = 64 << 20;
+
+/// Measures the events of another stack: of a program for the F446 that has the functions of this one,
+/// `prepare_few_data` and so on, and waits at the same address.
+///
+/// # Errors
+///
+/// The file cannot be read, or is no such program.
+pub fn foreign(path: &Path) -> Result<Vec<Cost>, Failure> {
+    let measure = || {
+        let mut elf = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(LARGEST + 1).read_to_end(&mut elf))
+            .map_err(Error::Unreadable)?;
+        if elf.len() as u64 > LARGEST {
+            return Err(Error::Large { most: LARGEST });
+        }
+        let image = Image::from_elf(Part::F446, &elf).map_err(Error::NoImage)?;
+        costs(&elf, &Arc::new(image))
+    };
+    Ok(measure().map_err(|error| Error::Elf {
+        path: path.to_owned(),
+        error: Box::new(error),
+    })?)
 }
 
 /// Measures the halves of the bus guardian of four senders: events and their cycles.
@@ -136,8 +168,8 @@ pub(super) fn function(elf: &[u8], name: &str) -> Result<u32, Error> {
     let file = object::File::parse(elf).map_err(|_| missing())?;
     let found = file.symbols().find(|symbol| {
         let symbol = symbol.name().unwrap_or_default();
-        // In a mangled name, each part follows its length.
-        symbol.contains(&format!("{}{name}", name.len()))
+        // In a mangled name of Rust, each part follows its length.
+        symbol == name || symbol.contains(&format!("{}{name}", name.len()))
     });
     found
         .map(|symbol| symbol.address() as u32)

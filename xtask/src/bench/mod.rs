@@ -47,7 +47,7 @@ pub enum Error {
         program: &'static str,
     },
     /// A program lacks a function.
-    #[error("the program `cycles` has no function {name}")]
+    #[error("the program has no function `{name}`")]
     NoFunction {
         /// Its name.
         name: String,
@@ -92,6 +92,27 @@ pub enum Error {
         /// The choice of its parts.
         parts: &'static str,
     },
+    /// A program with another protocol stack cannot be measured.
+    #[error("{} cannot be measured: {error} (ttcan/benches/peers/README.md says what it must have)", path.display())]
+    Elf {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        error: Box<Error>,
+    },
+    /// A file cannot be read.
+    #[error("it cannot be read: {0}")]
+    Unreadable(io::Error),
+    /// A file is no image.
+    #[error("{0}")]
+    NoImage(ImageError),
+    /// A file is larger than a program for a microcontroller can be.
+    #[error("it is larger than {most} bytes")]
+    Large {
+        /// How large it may be.
+        most: u64,
+    },
     /// A file cannot be written.
     #[error("{} cannot be written: {error}", path.display())]
     Write {
@@ -118,7 +139,7 @@ pub enum Error {
 impl Error {
     /// Whether the command line or an input file is wrong.
     pub(crate) fn is_usage(&self) -> bool {
-        matches!(self, Self::Settings { .. })
+        matches!(self, Self::Settings { .. } | Self::Elf { .. })
     }
 }
 
@@ -231,6 +252,15 @@ impl<'w> Builder<'w> {
         })
     }
 
+    /// Builds the program whose events are measured. Returns the path of its ELF file.
+    ///
+    /// # Errors
+    ///
+    /// It does not build.
+    pub fn events(&self, parts: Parts) -> Result<PathBuf, Failure> {
+        self.file(STACK, "cycles", parts, Profile::Release)
+    }
+
     /// Builds a program of the protocol stack. Returns its ELF file.
     fn program(&self, name: &str, parts: Parts, profile: Profile) -> Result<Vec<u8>, Failure> {
         self.build(STACK, name, parts, profile)
@@ -284,6 +314,15 @@ impl<'w> Builder<'w> {
 ///
 /// A program does not build or does not do its work.
 pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
+    if let Some(path) = &options.elf {
+        let costs = cycles::foreign(path)?;
+        if options.json {
+            println!("{:#}", Value::from(events(&costs)));
+        } else {
+            print!("{}", foreign(&costs));
+        }
+        return Ok(());
+    }
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let settings = settings(&vehicle)?;
     let builder = Builder::new(workspace)?;
@@ -350,6 +389,30 @@ fn report(cycles: &Cycles, guardian: &Guarded, sizes: &Sizes) -> String {
     out
 }
 
+/// The table of another stack's events.
+fn foreign(costs: &[cycles::Cost]) -> String {
+    let mut out = String::new();
+    let _ = writeln!(out, "Cycles of a Cortex-M4 without wait states")
+        .and_then(|()| write_costs(&mut out, costs));
+    out
+}
+
+fn write_costs(t: &mut String, costs: &[cycles::Cost]) -> std::fmt::Result {
+    writeln!(t, "  {:<28}{:>12}{:>14}", "", "8 windows", "512 windows")?;
+    for cost in costs {
+        writeln!(t, "  {:<28}{:>12}{:>14}", cost.event, cost.few, cost.many)?;
+    }
+    Ok(())
+}
+
+/// Events and their cycles.
+fn events(costs: &[cycles::Cost]) -> Vec<Value> {
+    costs
+        .iter()
+        .map(|cost| json!({ "event": cost.event, "8": cost.few, "512": cost.many }))
+        .collect()
+}
+
 fn write_report(
     t: &mut String,
     cycles: &Cycles,
@@ -362,10 +425,7 @@ fn write_report(
             "Cycles of a Cortex-M4 without wait states, opt-level 2: {}",
             parts.name
         )?;
-        writeln!(t, "  {:<28}{:>12}{:>14}", "", "8 windows", "512 windows")?;
-        for cost in costs {
-            writeln!(t, "  {:<28}{:>12}{:>14}", cost.event, cost.few, cost.many)?;
-        }
+        write_costs(t, costs)?;
         writeln!(t)?;
     }
     writeln!(t, "Cycles of a bus guardian of four senders, the same")?;
@@ -404,13 +464,7 @@ fn report_json(
 ) -> String {
     let cycles: Vec<Value> = cycles
         .iter()
-        .map(|(parts, costs)| {
-            let costs: Vec<Value> = costs
-                .iter()
-                .map(|cost| json!({ "event": cost.event, "8": cost.few, "512": cost.many }))
-                .collect();
-            json!({ "features": parts.features, "events": costs })
-        })
+        .map(|(parts, costs)| json!({ "features": parts.features, "events": events(costs) }))
         .collect();
     let sizes: Vec<Value> = sizes
         .iter()
