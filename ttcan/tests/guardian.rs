@@ -4,11 +4,11 @@
 mod guarded;
 mod support;
 
-use guarded::{Guarded, Level, bits_of};
+use guarded::{Guarded, Level};
 use proptest::prelude::*;
 use support::{
     ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, TICKS_PER_US, UagvBus, at,
-    crystal, uagv,
+    bits_of, crystal, uagv,
 };
 use ttcan::guardian::{Guardian, GuardianConfig, GuardianError, GuardianState, Lines, Trip};
 use ttcan::simulation::{Application, Bus, Fate, SimTime};
@@ -741,9 +741,9 @@ fn a_line_that_is_stuck_is_closed_until_it_is_released() {
 fn flags_without_a_reason_cut_their_sender() {
     let mut rig = Rig::new([STEERING, DRIVE]);
     let limit = u32::from(GuardianConfig::new(TICKS_PER_US, Micros::micros(8)).pulses);
-    for _ in 0..limit {
+    for _ in 0..=limit {
         rig.pulse(0, 6, 80);
-        // The other one answers, and is not to blame.
+        // What both send at once answers what both have heard.
         rig.edge(0, Level::Dominant);
         rig.edge(1, Level::Dominant);
         rig.pass(6);
@@ -907,6 +907,43 @@ fn configurations_are_checked() {
     ] {
         assert_eq!(refused(config), Some(error));
     }
+}
+
+/// 64 spells, one of which is counted in each call, have to fit into half of a basic cycle.
+#[test]
+fn spells_are_judged_often_enough_to_be_counted() {
+    let refused = |ruling: u32| {
+        let config = GuardianConfig {
+            ruling: Micros::micros(ruling),
+            ..GuardianConfig::new(TICKS_PER_US, Micros::micros(8))
+        };
+        Guardian::new(SCHEDULE.view(), config, ALL, Stamp(0)).err()
+    };
+    assert_eq!(refused(781), None);
+    assert_eq!(refused(782), Some(GuardianError::Ruling));
+}
+
+/// A look of the halves finds the slot of one spell. With more senders than looks in a short spell, the last of those that
+/// begin a frame at once would be stopped in its own slot.
+#[test]
+fn halves_have_no_more_senders_than_looks_in_a_short_spell() {
+    // 112 us have 10 looks.
+    let halves = GuardianConfig {
+        handling: Micros::micros(100),
+        spell_bits: 28,
+        ..GuardianConfig::new(TICKS_PER_US, Micros::micros(11))
+    };
+    let ten = core::array::from_fn::<_, 10, _>(|at| NodeId(at as u16));
+    assert!(Guardian::new(SCHEDULE.view(), halves, ten, Stamp(0)).is_ok());
+    let eleven = core::array::from_fn::<_, 11, _>(|at| NodeId(at as u16));
+    let refused = Guardian::new(SCHEDULE.view(), halves, eleven, Stamp(0)).err();
+    assert_eq!(refused, Some(GuardianError::Looks));
+    // A whole guardian finds all slots in the look in which the spells begin.
+    let whole = GuardianConfig {
+        handling: Micros::micros(0),
+        ..halves
+    };
+    assert!(Guardian::new(SCHEDULE.view(), whole, eleven, Stamp(0)).is_ok());
 }
 
 #[test]

@@ -51,6 +51,10 @@ pub struct GuardianConfig {
     /// it. It ends `spell_bits` behind the earliest begin of the first window, because only a short spell
     /// may go on until then. 0 for a [`Guardian`](super::Guardian), which does everything at once.
     pub handling: Micros,
+    /// Longest time from a call of [`Judge::rule`](super::Judge::rule) to the next one; 0 for a
+    /// [`Guardian`](super::Guardian). Of the spells of a sender between two calls one is counted, so there have to be twice as
+    /// many calls in a basic cycle as `pulses`, or a sender of flags would not reach that.
+    pub ruling: Micros,
     /// Largest drift of the guardian's counter against the time of the network, in parts per million,
     /// up to 10 000: the sum of the deviations of its own crystal and that of the master.
     pub drift_ppm: u16,
@@ -97,6 +101,7 @@ impl GuardianConfig {
             jitter: Micros::micros(2),
             interval,
             handling: Micros::micros(0),
+            ruling: Micros::micros(0),
             drift_ppm: 200,
             spell_bits: 20,
             penalty: 10,
@@ -108,8 +113,8 @@ impl GuardianConfig {
         }
     }
 
-    /// Checks what does not depend on the schedule.
-    const fn check(&self) -> Result<(), GuardianError> {
+    /// Checks what depends on nothing but the basic cycle, in microseconds.
+    const fn check(&self, basic_cycle: u32) -> Result<(), GuardianError> {
         if self.ticks_per_us == 0 || self.ticks_per_us > 1000 {
             return Err(GuardianError::Ticks);
         }
@@ -121,6 +126,10 @@ impl GuardianConfig {
         }
         if self.spell_bits < 8 || self.spell_bits > 28 {
             return Err(GuardianError::SpellBits);
+        }
+        let counts = 2 * self.pulses as u32;
+        if self.ruling.ticks().saturating_mul(counts) > basic_cycle {
+            return Err(GuardianError::Ruling);
         }
         Ok(())
     }
@@ -141,6 +150,11 @@ pub enum GuardianError {
     Interval,
     /// The handling of a reference ends later than a short spell in the first window.
     Handling,
+    /// `ruling` is so long that `pulses` may not be reached.
+    Ruling,
+    /// Halves have more senders than there are looks in a short spell. A look finds the slot of one of those that begin a
+    /// frame at once.
+    Looks,
     /// The drift is above 10 000 ppm.
     Drift,
     /// `spell_bits` is not within 8 to 28.
@@ -162,6 +176,8 @@ impl core::fmt::Display for GuardianError {
             Self::Handling => {
                 "the handling of a reference ends later than a short spell in the first window"
             }
+            Self::Ruling => "so seldom as spells are judged, the limit of pulses is not reached",
+            Self::Looks => "there are more senders than looks in a short spell",
             Self::Drift => "the drift exceeds 10 000 ppm",
             Self::SpellBits => "a short spell has 8 to 28 bits",
             Self::Cycles => "the penalty is 0 cycles, or the time is not lost after 1 to 100",
@@ -200,6 +216,8 @@ pub(super) struct Times {
     pub(super) spell_gap: u32,
     /// From the middle of an interval to its end.
     pub(super) half_interval: u32,
+    /// Largest difference of the stamps of two spells that began at once.
+    pub(super) together: u32,
     /// Largest difference of a spell's stamp and the same instant by a received frame.
     pub(super) tolerance: u32,
     /// Largest distance of a frame's spell and an error flag behind it, by their stamps.
@@ -258,7 +276,7 @@ impl Times {
         config: GuardianConfig,
     ) -> Result<Self, GuardianError> {
         let network = schedule.network;
-        config.check()?;
+        config.check(network.basic_cycle)?;
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
         if bit >> 24 != 0 {
             return Err(GuardianError::Ticks);
@@ -313,6 +331,7 @@ impl Times {
             penalty,
             spell_gap,
             half_interval,
+            together: interval,
             tolerance: bits(TOLERANCE_BITS)
                 .saturating_add(jitter)
                 .saturating_add(half_interval),
@@ -348,6 +367,14 @@ impl Times {
         let opens = first.saturating_sub(self.margin(first));
         let quiet = opens.saturating_sub(self.bits(self.reference_bits));
         quiet.saturating_add(self.bits(u32::from(self.config.spell_bits)))
+    }
+
+    /// Whether as many looks as there are senders fit into a short spell, where looks find one slot each.
+    pub(super) fn fits(&self, senders: u32) -> bool {
+        let whole = self.config.handling.ticks() == 0;
+        let interval = self.ticks(self.config.interval.ticks());
+        let looks = interval.saturating_mul(senders);
+        whole || looks <= self.bits(u32::from(self.config.spell_bits))
     }
 
     /// Ticks of a time of the schedule, at most two basic cycles in microseconds.

@@ -21,6 +21,8 @@ const CRC_TO_END: u32 = 10;
 /// The transmitter's last dominant bit is at most so many bits before the end of the CRC: five
 /// recessive bits and a tolerance.
 const LAST_DOMINANT: u32 = 7;
+/// A spell that goes on beyond all limits together with another one counts as so many short ones.
+const SHARED_STRIKE: u16 = 8;
 
 /// A frame that was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -91,6 +93,9 @@ impl<'s, const P: usize> Judge<'s, P> {
             }
         }
         let times = Times::new(schedule, config)?;
+        if !times.fits(P as u32) {
+            return Err(GuardianError::Looks);
+        }
         let period = now.after(times.cycle);
         Ok(Self {
             senders: senders.map(|node| Sender::new(schedule, &times, node)),
@@ -147,7 +152,6 @@ impl<'s, const P: usize> Judge<'s, P> {
     /// sender between two calls only the later one is judged. So a reference must be told before the flag behind
     /// it: call this at least once in the length of one.
     pub fn rule(&mut self, news: &News<P>, now: Stamp) {
-        self.struck |= news.marks.struck;
         self.freed |= news.marks.freed;
         if self.plan.is_trusted(now) {
             self.certain |= news.marks.struck;
@@ -160,6 +164,52 @@ impl<'s, const P: usize> Judge<'s, P> {
         }
         if news.marks.begun != 0 {
             self.permit(news, now);
+        }
+        if news.marks.struck != 0 {
+            self.strike(news, now);
+        }
+    }
+
+    /// Takes out of the spells that went on beyond all limits those of senders that answered noise: flags into each other's
+    /// delimiters make one long spell, also behind a frame. No sender makes another one drive on with it from its first
+    /// bit, nor beyond that one's own limit. What may be a frame is no witness, or else who sends into each frame of others
+    /// would have one; but of two frames that begin at once, one loses the arbitration.
+    fn strike(&mut self, news: &News<P>, now: Stamp) {
+        let times = &self.plan.times;
+        let marks = &news.marks;
+        let frames = news.framed | marks.charged;
+        let mut shared = 0;
+        // loop-bound: senders=32
+        for (at, spell) in news.spells.iter().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            let (mut near, mut earlier) = (0, 0);
+            let (mut as_long, mut beside) = (news.active, news.active);
+            // loop-bound: senders=32
+            for (at, other) in news.spells.iter().enumerate() {
+                let off = spell.began.ticks_since(other.began).unsigned_abs();
+                near |= u32::from(off <= times.together).wrapping_shl(at as u32);
+                earlier |= u32::from(spell.until.reached(other.until)).wrapping_shl(at as u32);
+                let lasts = other.released.reached(spell.until);
+                as_long |= u32::from(lasts).wrapping_shl(at as u32);
+                let overlaps = other.released.reached(spell.began);
+                beside |= u32::from(overlaps).wrapping_shl(at as u32);
+            }
+            let with = near & as_long & (news.recent | news.beyond) & !bit;
+            let one = with & !frames != 0;
+            let two = with & with.wrapping_sub(1) != 0;
+            let before = news.beyond & earlier & beside & !bit != 0;
+            shared |= if one || two || before { bit } else { 0 };
+        }
+        shared &= marks.struck;
+        self.struck |= marks.struck & !shared;
+        // loop-bound: senders=32
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            if shared.wrapping_shr(at as u32) & 1 != 0 {
+                sender.note(SHARED_STRIKE, &self.plan.times, now);
+            }
+        }
+        if shared != 0 {
+            self.settle();
         }
     }
 
@@ -177,13 +227,48 @@ impl<'s, const P: usize> Judge<'s, P> {
         self.answered &= !charged;
     }
 
-    /// Finds what each spell may be, and counts the short ones that nothing explains.
+    /// Which spells that have begun are short and began at once with another short one, or in the next look: acknowledge
+    /// bits, or flags with which senders answer what they have heard at once. Who began alone, and a look ahead of the
+    /// others, may be the one that they answer.
+    fn shared(&self, news: &News<P>) -> u32 {
+        let times = &self.plan.times;
+        let known = news.recent | news.marks.begun;
+        let short = known & !(news.framed | news.marks.charged);
+        let mut shared = 0;
+        // loop-bound: senders=32
+        for (at, spell) in news.spells.iter().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            let (mut near, mut busy) = (0, news.active);
+            let mut ahead = 0;
+            // loop-bound: senders=32
+            for (other, beside) in news.spells.iter().enumerate() {
+                // It is larger if it is negative, too.
+                let off = spell.began.ticks_since(beside.began).cast_unsigned();
+                near |= u32::from(off <= times.together).wrapping_shl(other as u32);
+                let long = off.cast_signed() > times.together.cast_signed();
+                ahead |= u32::from(long).wrapping_shl(other as u32);
+                let over = beside.released.after(times.spell_gap);
+                busy |= u32::from(over.reached(spell.began)).wrapping_shl(other as u32);
+            }
+            // While one sends a frame, no other frame begins.
+            let is_busy = ahead & busy & known & news.framed & !bit != 0;
+            let with = near & known & !bit;
+            let two = with & with.wrapping_sub(1) != 0;
+            let one = with & short != 0 || with != 0 && is_busy;
+            shared |= if one || two { bit } else { 0 };
+        }
+        shared & news.marks.begun
+    }
+
+    /// Finds what each spell may be, and counts the short ones that began alone: those that nothing explains, and all.
     fn permit(&mut self, news: &News<P>, now: Stamp) {
         // The guardian of one node sees no other line, and takes for granted while there are references
         // that its attempts are answered.
         let unseen = P == 1 && self.plan.known.is_some();
         let charged = news.marks.charged & news.marks.begun;
-        let counted = news.marks.begun & !news.marks.excused & !self.acknowledged & !charged;
+        let shared = if P == 1 { 0 } else { self.shared(news) };
+        let noted = news.marks.begun & !self.acknowledged & !charged & !shared;
+        let counted = noted & !news.marks.excused;
         let mut cuts = 0;
         // loop-bound: senders=32
         for (at, (sender, spell)) in self.senders.iter_mut().zip(&news.spells).enumerate() {
@@ -194,8 +279,8 @@ impl<'s, const P: usize> Judge<'s, P> {
                     .plan
                     .permit(spell.window, sender, is(news.marks.untimely));
                 sender.begin(spell, permit, is(news.marks.behind));
-                if is(counted) && sender.is_short() && !sender.is_behind_own() {
-                    cut = sender.pulse(&self.plan.times, now);
+                if is(noted) && sender.is_short() && !sender.is_behind_own() {
+                    cut = sender.pulse(is(counted), &self.plan.times, now);
                 }
                 if is(charged) {
                     let beside = is(news.marks.charged_beside);
@@ -303,7 +388,8 @@ impl<'s, const P: usize> Judge<'s, P> {
         let acknowledges = acknowledges & judged;
         self.acknowledged |= acknowledges & evidence.new;
         let suspects = suspects & judged & !acknowledges;
-        let before = suspects_before & judged & evidence.following;
+        // Who acknowledges a frame has not sent it: its spell before was an attempt that lost the arbitration.
+        let before = suspects_before & judged & evidence.following & !acknowledges;
         (suspects | before, windows)
     }
 
@@ -385,11 +471,18 @@ impl<'s, const P: usize> Judge<'s, P> {
         outlook
     }
 
+    /// Whether an instant has come that is never more than a basic cycle ahead. If it seems to be, nothing was asked for half
+    /// of the counter's range.
+    fn has_come(&self, instant: Stamp, now: Stamp) -> bool {
+        let ahead = instant.ticks_since(now);
+        ahead <= 0 || ahead > self.plan.times.cycle.cast_signed()
+    }
+
     /// Whether [`Judge::account`] has something to do at `now`.
     pub fn is_behind(&self, now: Stamp) -> bool {
         self.received.is_some()
             || self.ended | self.struck | self.freed | self.pardoned | self.old != 0
-            || now.reached(self.wake)
+            || self.has_come(self.wake, now)
     }
 
     /// One step of what can wait: a frame, a sender that drove beyond all limits, or the end of a period
@@ -415,7 +508,7 @@ impl<'s, const P: usize> Judge<'s, P> {
                 sender.end_period(forget);
             }
             self.old |= 1u32.wrapping_shl(at as u32);
-        } else if now.reached(self.wake) {
+        } else if self.has_come(self.wake, now) {
             self.advance(driving, now);
         }
         self.orders(now)
@@ -478,7 +571,7 @@ impl<'s, const P: usize> Judge<'s, P> {
             }
         }
         self.lose(now);
-        if now.reached(self.period) {
+        if self.has_come(self.period, now) {
             self.period = now.after(self.plan.times.cycle);
             self.periods = self.periods.wrapping_add(1);
             self.ended = Self::ALL;

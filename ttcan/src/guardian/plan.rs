@@ -62,7 +62,8 @@ impl<'s> Plan<'s> {
     pub(super) fn is_trusted(&self, now: Stamp) -> bool {
         self.known.is_some_and(|known| {
             let elapsed = now.ticks_since(known.mark);
-            known.consecutive && elapsed < self.times.reference_phase.cast_signed()
+            let phase = self.times.reference_phase.cast_signed();
+            known.consecutive && (0..phase).contains(&elapsed)
         })
     }
 
@@ -76,7 +77,11 @@ impl<'s> Plan<'s> {
 
     /// Forgets the time if no reference came for so long. Returns whether it did.
     pub(super) fn lose(&mut self, now: Stamp) -> bool {
-        let lost = self.lost_at().is_some_and(|lost| now.reached(lost));
+        // A reference cannot lie ahead: nothing was asked for half of the counter's range.
+        let ahead = self.known.is_some_and(|known| {
+            now.ticks_since(known.mark) < self.times.cycle.cast_signed().wrapping_neg()
+        });
+        let lost = ahead || self.lost_at().is_some_and(|lost| now.reached(lost));
         if lost {
             self.known = None;
         }

@@ -10,6 +10,10 @@ use crate::reference::Fields;
 use crate::schedule::ScheduleView;
 use crate::time::Stamp;
 
+/// Explained short spells in a basic cycle for each unexplained one that is allowed. With the usual 64, that is more than the
+/// 128 flags that a controller sends before its error counter makes them recessive (ISO 11898-1).
+const EXPLAINED: u16 = 3;
+
 /// Why a sender was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -48,11 +52,12 @@ pub(super) struct Sender {
     pub(super) events: Option<(u8, u8)>,
     /// Mask and offset of the basic cycles in which it may send those.
     pub(super) event_cycles: (u8, u8),
-    /// The last spell that was judged: its beginning, what it may be, whether it was counted as a pulse
-    /// or as an attempt to send a reference, and whether it may be the flag behind an own frame.
+    /// The last spell that was judged: its beginning, what it may be, whether it was counted as a short one, as one that
+    /// nothing explains, or as an attempt to send a reference, and whether it may be the flag behind an own frame.
     began: Stamp,
     window: Window,
     permit: Permit,
+    noted: bool,
     counted: bool,
     charged: bool,
     behind_own: bool,
@@ -60,7 +65,9 @@ pub(super) struct Sender {
     before: (Stamp, Window),
     /// When the sender may return.
     cut: Option<Stamp>,
+    /// Short spells that nothing explains, and all that began alone.
     pulses: u8,
+    short: u16,
     strikes: u16,
     /// Frames that it may begin in two basic cycles, with those that it begins again in an arbitrating
     /// window.
@@ -97,12 +104,14 @@ impl Sender {
             began: Stamp(0),
             window: Window::NONE,
             permit: Permit::Short,
+            noted: false,
             counted: false,
             charged: false,
             behind_own: false,
             before: (Stamp(0), Window::NONE),
             cut: None,
             pulses: 0,
+            short: 0,
             strikes: 0,
             frames: schedule.windows_in_two_cycles(node).saturating_add(again),
             attempts: 0,
@@ -149,6 +158,7 @@ impl Sender {
         };
         self.began = began;
         self.permit = permit;
+        self.noted = false;
         self.counted = false;
         self.charged = false;
         self.behind_own = behind_own;
@@ -198,11 +208,20 @@ impl Sender {
         self.take_back(self.began, true);
     }
 
-    /// A short spell that nothing explains begins at `now`. Returns whether it cuts the sender.
-    pub(super) fn pulse(&mut self, times: &Times, now: Stamp) -> bool {
-        self.counted = true;
-        self.pulses = self.pulses.saturating_add(1);
-        let cuts = self.pulses > times.config.pulses && self.cut.is_none();
+    /// A short spell begins alone at `now`, which nothing explains if it is `unexplained`. Returns whether it cuts the sender.
+    pub(super) fn pulse(&mut self, unexplained: bool, times: &Times, now: Stamp) -> bool {
+        self.noted = true;
+        self.counted = unexplained;
+        self.pulses = self.pulses.saturating_add(u8::from(unexplained));
+        self.note(1, times, now)
+    }
+
+    /// So many more short spells. Returns whether they cut the sender.
+    pub(super) fn note(&mut self, spells: u16, times: &Times, now: Stamp) -> bool {
+        self.short = self.short.saturating_add(spells);
+        let most = u16::from(times.config.pulses).saturating_mul(EXPLAINED);
+        let many = self.pulses > times.config.pulses || self.short > most;
+        let cuts = many && self.cut.is_none();
         if cuts {
             self.trip(Trip::Pulses, now, times);
         }
@@ -211,8 +230,11 @@ impl Sender {
 
     /// The spell that began then was no pulse, `if_so`. It takes the same time in any case.
     pub(super) fn take_back(&mut self, began: Stamp, if_so: bool) {
-        let counted = self.counted & (self.began == began) & if_so;
+        let is_this = (self.began == began) & if_so;
+        let (noted, counted) = (self.noted & is_this, self.counted & is_this);
+        self.noted &= !noted;
         self.counted &= !counted;
+        self.short = self.short.saturating_sub(u16::from(noted));
         self.pulses = self.pulses.saturating_sub(u8::from(counted));
     }
 
@@ -248,6 +270,7 @@ impl Sender {
     pub(super) fn pardon(&mut self) {
         self.cut = None;
         self.pulses = 0;
+        self.short = 0;
         self.strikes = 0;
         self.attempts = 0;
         self.untimely = 0;
@@ -256,6 +279,7 @@ impl Sender {
     /// A basic cycle has passed.
     pub(super) fn end_period(&mut self, forget: bool) {
         self.pulses = 0;
+        self.short = 0;
         self.strikes = 0;
         self.attempts = 0;
         if forget {
@@ -325,7 +349,7 @@ impl Sender {
             self.began = Stamp(0);
             self.window = Window::NONE;
             self.permit = Permit::Short;
-            (self.counted, self.charged) = (false, false);
+            (self.noted, self.counted, self.charged) = (false, false, false);
             self.behind_own = false;
         }
         self.cut = self.cut.map(|cut| cut.before(now.0));

@@ -105,7 +105,7 @@ pub(super) struct Spell {
     /// The middle of the time between two looks in which it began.
     pub(super) began: Stamp,
     /// The instant up to which the sender may drive.
-    until: Stamp,
+    pub(super) until: Stamp,
     /// The first look that found the line recessive again.
     pub(super) released: Stamp,
     /// The window in which it began.
@@ -116,6 +116,12 @@ pub(super) struct Spell {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct News<const P: usize> {
     pub(super) spells: [Spell; P],
+    /// Lines in a spell, lines whose last spell went on beyond all limits, those whose last spell is not long past, and of
+    /// those the ones whose last spell began in a slot.
+    pub(super) active: u32,
+    pub(super) beyond: u32,
+    pub(super) recent: u32,
+    pub(super) framed: u32,
     pub(super) marks: Marks,
 }
 
@@ -458,6 +464,10 @@ impl<const P: usize> Watch<P> {
     pub fn news(&mut self) -> News<P> {
         News {
             spells: self.spells,
+            active: self.active,
+            beyond: self.struck,
+            recent: self.recent,
+            framed: self.framed,
             marks: core::mem::take(&mut self.news),
         }
     }

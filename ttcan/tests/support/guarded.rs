@@ -1,5 +1,6 @@
 //! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
 
+use super::support::bits_of;
 use ttcan::guardian::{
     Evidence, Gates, Guardian, GuardianConfig, GuardianState, Judge, Lines, Trip, Watch,
 };
@@ -38,46 +39,6 @@ const STEP: u64 = 900_000;
 pub(crate) enum Level {
     Dominant,
     Recessive,
-}
-
-/// The bits of a frame from its start to the end of its CRC, stuffed; `false` is dominant.
-pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
-    let mut plain = vec![false];
-    let id = frame.id();
-    let mut put = |value: u32, count: u32| {
-        plain.extend((0..count).rev().map(|bit| value >> bit & 1 == 1));
-    };
-    if id.is_extended() {
-        put(id.raw() >> 18, 11);
-        put(0b11, 2);
-        put(id.raw() & 0x3_FFFF, 18);
-        put(0, 3);
-    } else {
-        put(id.raw(), 11);
-        put(0, 3);
-    }
-    put(u32::from(frame.len()), 4);
-    for byte in frame.data() {
-        put(u32::from(*byte), 8);
-    }
-    let mut crc = 0u32;
-    for bit in &plain {
-        let feedback = (crc >> 14 & 1 == 1) != *bit;
-        crc = (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 };
-    }
-    plain.extend((0..15).rev().map(|bit| crc >> bit & 1 == 1));
-    let mut stuffed = Vec::new();
-    let (mut last, mut run) = (true, 0);
-    for bit in plain {
-        run = if bit == last { run + 1 } else { 1 };
-        last = bit;
-        stuffed.push(bit);
-        if run == 5 {
-            stuffed.push(!bit);
-            (last, run) = (!bit, 1);
-        }
-    }
-    stuffed
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -301,6 +262,7 @@ impl<const P: usize> Guarded<P> {
         let central = GuardianConfig {
             spell_bits: SHORT,
             handling: Micros::micros(HANDLING),
+            ruling: Micros::micros(600),
             ..config
         };
         let guardian = Guardian::new(schedule, central, senders, now).expect("it is sound");

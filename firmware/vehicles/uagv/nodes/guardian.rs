@@ -52,6 +52,8 @@ mod app {
     const ROUNDS: u8 = 2 * ROUND;
     /// Longest time from a reference's reception to the end of the `ahead` behind it.
     const HANDLING: Micros = Micros::micros(520);
+    /// Longest time from one `rule` to the next: 28 looks, and its deadline.
+    const RULING: Micros = Micros::micros(430);
     /// Bits of a short spell: 112 us.
     const SPELL_BITS: u8 = 28;
     /// Steps of `account` from one `report` to the next, and of `report` from one `tell` to the next: 112 ms.
@@ -91,6 +93,7 @@ mod app {
         let config = GuardianConfig {
             receive_latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks).receive,
             handling: HANDLING,
+            ruling: RULING,
             spell_bits: SPELL_BITS,
             ..GuardianConfig::new(ticks, INTERVAL)
         };

@@ -48,6 +48,8 @@ mod app {
     const STEP: Micros = Micros::micros(299);
     /// Longest time from a reference's reception to the end of its `handle`.
     const HANDLING: Micros = Micros::micros(220);
+    /// Longest time from one `step` to the next, with its deadline.
+    const RULING: Micros = Micros::micros(600);
     /// Bits of a short spell: 80 us, and no less than two flags take. A frame may have five recessive bits there, the look that
     /// finds the next one comes 22 us later at most, and takes 14 us: it is stopped ahead of its bit 34.
     const SPELL_BITS: u8 = 20;
@@ -90,6 +92,7 @@ mod app {
         let config = GuardianConfig {
             receive_latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks).receive,
             handling: HANDLING,
+            ruling: RULING,
             spell_bits: SPELL_BITS,
             ..GuardianConfig::new(ticks, INTERVAL)
         };
