@@ -34,6 +34,9 @@ pub struct Verdict {
 pub struct Campaign {
     /// Name of the vehicle.
     pub vehicle: String,
+    /// Values in place of those of its manifest, each as `KEY=VALUE`. Not every one changes an image.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub set: Vec<String>,
     /// What happens in its sequences.
     pub trouble: Trouble,
     /// Sequences of all parts.
@@ -51,11 +54,40 @@ impl Campaign {
     pub fn new(vehicle: &Vehicle, images: &Images, options: &Options) -> Self {
         Self {
             vehicle: vehicle.name().to_owned(),
+            set: vehicle.overrides().texts(),
             trouble: options.trouble,
             sequences: options.sequences,
             seed: options.seed,
             images: digests(vehicle, images),
         }
+    }
+
+    /// The command that runs the sequence of a seed again. A shell reads it back, whatever the file said
+    /// that the campaign comes from.
+    #[must_use]
+    pub fn replay(&self, seed: u64) -> String {
+        let attacker = match self.trouble {
+            Trouble::Faults => "",
+            Trouble::Attacks { .. } => " --attacker",
+        };
+        let vehicle = quoted(&self.vehicle);
+        let mut command =
+            format!("cargo xtask sim --faults 1{attacker} --seed {seed} --vehicle {vehicle}");
+        for set in &self.set {
+            command += &format!(" --set {}", quoted(set));
+        }
+        command
+    }
+}
+
+/// A word as a shell reads it back.
+#[must_use]
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
     }
 }
 
@@ -241,12 +273,8 @@ impl fmt::Display for Report {
                     violation.rule, violation.at, violation.what
                 )?;
             }
-            let attacker = self.attacks.as_ref().map_or("", |_| " --attacker");
-            writeln!(
-                f,
-                "  replay it with: cargo xtask sim --faults 1{attacker} --seed {} --vehicle {}",
-                verdict.seed, self.campaign.vehicle
-            )?;
+            let replay = self.campaign.replay(verdict.seed);
+            writeln!(f, "  replay it with: {replay}")?;
         }
         if self.failures.len() > 1 {
             writeln!(f, "first causes:")?;

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use vehicle_model::Override;
+
 use crate::Word;
 use crate::attack::Tally;
 use crate::options::Trouble;
@@ -38,6 +40,14 @@ impl Report {
             return Some(format!(
                 "simulated_seconds is {:?}, but its sequences last {seconds} s",
                 self.simulated_seconds
+            ));
+        }
+        let is_value =
+            |text: &&String| Override::parse(text).is_ok_and(|read| read.to_string() == **text);
+        let mut set = self.campaign.set.iter();
+        if let Some(odd) = set.find(|text| !is_value(text)) {
+            return Some(format!(
+                "{odd:?} is no value of --set: KEY=VALUE is accepted"
             ));
         }
         self.texts().or_else(|| self.counts())
