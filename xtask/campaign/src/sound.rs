@@ -71,7 +71,15 @@ impl Report {
         let kinds = self
             .attacks
             .iter()
-            .flat_map(|tally| tally.attacks.keys().chain(tally.attempts.keys()));
+            .flat_map(|tally| {
+                [
+                    &tally.attacks,
+                    &tally.attempts,
+                    &tally.floods,
+                    &tally.suppressed,
+                ]
+            })
+            .flat_map(BTreeMap::keys);
         let mut texts = images
             .chain([&campaign.vehicle])
             .chain(told)
@@ -125,7 +133,13 @@ impl Report {
             tally.suppressed_frames,
             tally.moved_a_motor,
         ];
-        let maps = [&tally.attacks, &tally.attempts, &tally.known];
+        let maps = [
+            &tally.attacks,
+            &tally.attempts,
+            &tally.floods,
+            &tally.suppressed,
+            &tally.known,
+        ];
         let mut counts = maps.into_iter().flat_map(BTreeMap::values).chain(&counts);
         if counts.any(|count| *count > MOST) {
             return Some(format!("attacks counts more than {MOST} of something"));
