@@ -301,11 +301,20 @@ impl fmt::Display for Report {
         let kind = self.attacks.as_ref().map_or("fault", |_| "attack");
         writeln!(
             f,
-            "{} {kind} sequences, {:.0} s simulated, {} broke a rule",
+            "{} {kind} {}, {:.0} s simulated, {} broke a rule",
             self.sequences,
+            sequences(self.sequences),
             self.simulated_seconds,
             self.failures.len()
         )
+    }
+}
+
+/// The word behind a number of sequences.
+const fn sequences(count: u64) -> &'static str {
+    match count {
+        1 => "sequence",
+        _ => "sequences",
     }
 }
 
@@ -367,7 +376,7 @@ impl fmt::Display for Tally {
             )?;
         }
         for (rule, count) in &self.known {
-            let sequences = if *count == 1 { "sequence" } else { "sequences" };
+            let sequences = sequences(*count);
             writeln!(
                 f,
                 "known limit, not counted as a broken rule ({rule}): in {count} {sequences} {}",
