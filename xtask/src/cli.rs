@@ -217,14 +217,37 @@ pub struct Keys {
 #[derive(Debug, Subcommand)]
 pub enum KeyAction {
     /// Make a key from the system's random numbers.
+    #[command(after_help = "Examples:\n  \
+        cargo xtask keys new                        for the UAGV, in .furrow/uagv.key of your home\n  \
+        cargo xtask keys new --vehicle sentry       for a variant, which has a key file of its own\n  \
+        cargo xtask keys new --file /media/stick/uagv.key\n\n\
+        Then write it to every node with `keys flash`.")]
     New(KeyFile),
     /// Replace the key by another one.
+    #[command(after_help = "Examples:\n  \
+        cargo xtask keys rotate\n  \
+        cargo xtask keys rotate --vehicle two-boards\n\n\
+        Old and new do not go together: write the new one to every node with `keys flash`.")]
     Rotate(KeyFile),
     /// Show the number of the key and its file, not the key.
+    #[command(after_help = "Examples:\n  \
+        cargo xtask keys show\n  \
+        cargo xtask keys show --vehicle two-boards --json")]
     Show(KeyFile),
     /// Write the key to a node's board with probe-rs.
+    #[command(after_help = "Examples:\n  \
+        cargo xtask keys flash drive              the connected board; its image stays\n  \
+        cargo xtask keys flash motor --vehicle two-boards --probe 066EFF57\n  \
+        cargo xtask keys flash drive --file /media/stick/uagv.key\n  \
+        cargo xtask keys flash rows --set row_guidance.enabled=true\n  \
+        \x20                                         a node that is off in the manifest\n  \
+        cargo xtask keys flash drive --dry-run    only print the commands")]
     Flash(KeyNode),
     /// Erase the key on a node's board with probe-rs.
+    #[command(after_help = "Examples:\n  \
+        cargo xtask keys erase drive              a node without a key again; its image stays\n  \
+        cargo xtask keys erase motor --vehicle two-boards --probe 066EFF57\n  \
+        cargo xtask keys erase drive --dry-run    only print the commands")]
     Erase(KeyNode),
 }
 
@@ -251,6 +274,9 @@ pub struct KeyNode {
     /// Vehicle, when several have a node of that name
     #[arg(long, value_name = "NAME")]
     pub vehicle: Option<String>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// File of the key [default: .furrow/VEHICLE.key in your home directory]
     #[arg(long, value_name = "FILE")]
     pub file: Option<PathBuf>,

@@ -9,6 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use campaign::quoted;
 use firmware::e2e::Key;
 use parts::Sled;
 use serde_json::json;
@@ -51,10 +52,12 @@ pub enum Error {
         path: PathBuf,
     },
     /// There is no key.
-    #[error("{} is not there: `cargo xtask keys new`, with --vehicle for another one than {DEFAULT}, makes a key", path.display())]
+    #[error("{} is not there: `cargo xtask keys new{options}` makes a key", path.display())]
     Missing {
         /// The file.
         path: PathBuf,
+        /// The options that name the vehicle and the file.
+        options: String,
     },
     /// The file holds something else.
     #[error("{} is no key: \"{TITLE}\" and 32 hexadecimal digits are accepted", path.display())]
@@ -119,7 +122,7 @@ pub fn run(workspace: &Workspace, options: &Keys) -> Result<(), Failure> {
         }
         KeyAction::Rotate(place) => {
             let path = of_vehicle(workspace, place)?;
-            read(&path)?;
+            read(&path, &place.options())?;
             let key = random()?;
             file::replace(&path, &text(&key))?;
             say(place, &path, &Key::new(key), "replaces the one before");
@@ -127,12 +130,36 @@ pub fn run(workspace: &Workspace, options: &Keys) -> Result<(), Failure> {
         }
         KeyAction::Show(place) => {
             let path = of_vehicle(workspace, place)?;
-            say(place, &path, &Key::new(read(&path)?), "is there");
+            say(
+                place,
+                &path,
+                &Key::new(read(&path, &place.options())?),
+                "is there",
+            );
         }
         KeyAction::Flash(node) => write(workspace, node, true)?,
         KeyAction::Erase(node) => write(workspace, node, false)?,
     }
     Ok(())
+}
+
+impl KeyFile {
+    /// The options that name its vehicle and its file in another command, with a blank before each.
+    fn options(&self) -> String {
+        options(&self.vehicle, self.file.as_deref())
+    }
+}
+
+/// The options that name a key's vehicle and file, with a blank before each.
+fn options(vehicle: &str, file: Option<&Path>) -> String {
+    let mut options = String::new();
+    if vehicle != DEFAULT {
+        options += &format!(" --vehicle {}", quoted(vehicle));
+    }
+    if let Some(file) = file {
+        options += &format!(" --file {}", quoted(&file.to_string_lossy()));
+    }
+    options
 }
 
 /// The file of a vehicle's key.
@@ -176,7 +203,7 @@ fn text(key: &[u8; 16]) -> String {
 /// Writes a key into a new file.
 fn create(path: &Path, key: &[u8; 16]) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).map_err(Error::of(folder))?;
+        private_folder(folder).map_err(Error::of(folder))?;
     }
     let mut file = private(path).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => Error::Exists { path: path.into() },
@@ -192,10 +219,23 @@ fn create(path: &Path, key: &[u8; 16]) -> Result<(), Error> {
     })
 }
 
-/// The key in a file.
-fn read(path: &Path) -> Result<[u8; 16], Error> {
+/// Makes a folder that only its owner can read, and those above it that are missing. One that is there stays as
+/// it is.
+fn private_folder(path: &Path) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(path)
+}
+
+/// The key in a file. `options` names the file in the command that makes a missing one.
+fn read(path: &Path, options: &str) -> Result<[u8; 16], Error> {
     let mut file = fs::File::open(path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => Error::Missing { path: path.into() },
+        io::ErrorKind::NotFound => Error::Missing {
+            path: path.into(),
+            options: options.into(),
+        },
         _ => Error::of(path)(error),
     })?;
     #[cfg(unix)]
@@ -247,15 +287,16 @@ fn say(place: &KeyFile, path: &Path, key: &Key, what: &str) {
 fn advise(place: &KeyFile) {
     if !place.json {
         println!(
-            "Write it to every node with `cargo xtask keys flash NODE`. Until all have it, the vehicle \
-             does not move."
+            "Write it to every node with `cargo xtask keys flash NODE{}`. Until all have it, the vehicle \
+             does not move.",
+            place.options()
         );
     }
 }
 
 /// Writes the key to a board, or erases its place.
 fn write(workspace: &Workspace, options: &KeyNode, key: bool) -> Result<(), Failure> {
-    let changes = vehicle_model::Overrides::default();
+    let changes = options.changes.overrides();
     let wanted = options.vehicle.as_deref();
     let (vehicle, node) = vehicle::with_node(workspace, &options.node, wanted, &changes)?;
     let sled = vehicle.board(node);
@@ -264,8 +305,11 @@ fn write(workspace: &Workspace, options: &KeyNode, key: bool) -> Result<(), Fail
             let vehicle = vehicle.name().into();
             return Err(Error::EventTriggered { vehicle }.into());
         }
-        let path = path(workspace, vehicle.name(), options.file.as_deref())?;
-        let record = Key::new(read(&path)?).record();
+        vehicle::no_guardian(&vehicle, node, "uses no key")?;
+        let file = options.file.as_deref();
+        let path = path(workspace, vehicle.name(), file)?;
+        let named = self::options(vehicle.name(), file);
+        let record = Key::new(read(&path, &named)?).record();
         record.into_iter().flat_map(u32::to_le_bytes).collect()
     } else {
         vec![0xFF; 4 * firmware::e2e::RECORD]
@@ -279,6 +323,13 @@ fn write(workspace: &Workspace, options: &KeyNode, key: bool) -> Result<(), Fail
         for command in commands(workspace, sled, probe.as_deref(), Path::new(RECORD)) {
             println!("{}", typed(&command));
         }
+        let what = match key {
+            true => "the record of the key",
+            false => "the bytes of erased flash",
+        };
+        eprintln!(
+            "{RECORD} stands for a temporary file with {what}, which a dry run does not write."
+        );
         return Ok(());
     }
     // A folder that only its owner can read, and that is gone afterwards.
@@ -323,15 +374,27 @@ mod tests {
     fn a_key_is_written_once_and_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("keys").join("uagv.key");
-        assert!(matches!(read(&path), Err(Error::Missing { .. })));
+        let none = read(&path, " --vehicle two-boards --file 'a key'").unwrap_err();
+        let command = "`cargo xtask keys new --vehicle two-boards --file 'a key'` makes a key";
+        assert!(none.to_string().ends_with(command), "{none}");
         let (first, second) = (random().unwrap(), random().unwrap());
         assert_ne!(first, second);
         create(&path, &first).unwrap();
         assert!(matches!(create(&path, &second), Err(Error::Exists { .. })));
-        assert_eq!(read(&path).unwrap(), first);
+        assert_eq!(read(&path, "").unwrap(), first);
         file::replace(&path, &text(&second)).unwrap();
-        assert_eq!(read(&path).unwrap(), second);
+        assert_eq!(read(&path, "").unwrap(), second);
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_options_of_a_key_are_repeated() {
+        let file = Path::new("my keys/a.key");
+        assert_eq!(options(DEFAULT, None), "");
+        assert_eq!(
+            options("two-boards", Some(file)),
+            " --vehicle two-boards --file 'my keys/a.key'"
+        );
     }
 
     #[test]
@@ -356,14 +419,19 @@ mod tests {
     fn a_key_that_others_can_read_is_refused() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.key");
+        let folder = folder.path().join("new").join(".furrow");
+        let path = folder.join("a.key");
         create(&path, &[7; 16]).unwrap();
+        for made in [folder.parent().unwrap(), &folder] {
+            let mode = fs::metadata(made).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o700, "{}", made.display());
+        }
         assert_eq!(
             fs::metadata(&path).unwrap().permissions().mode() & 0o777,
             0o600
         );
         fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
-        assert!(matches!(read(&path), Err(Error::Open { .. })));
+        assert!(matches!(read(&path, ""), Err(Error::Open { .. })));
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub enum Error {
     #[error(transparent)]
     Vehicle(#[from] VehicleError),
     /// The vehicle has no such node.
-    #[error("vehicle {vehicle} has no node {node}, but {known}; --vehicle chooses another vehicle")]
+    #[error("vehicle {vehicle} has no node {node}, but {known}; {remedy}")]
     NoNode {
         /// The vehicle.
         vehicle: String,
@@ -25,14 +25,28 @@ pub enum Error {
         node: String,
         /// The nodes that there are.
         known: String,
+        /// How to name another vehicle, or to switch the node on.
+        remedy: String,
+    },
+    /// A bus guardian takes no part in what is asked.
+    #[error("{node} is the bus guardian, which {why}: {known} are accepted")]
+    Guardian {
+        /// The guardian.
+        node: String,
+        /// Why it does not take part, as "has no self-test".
+        why: &'static str,
+        /// The nodes that do.
+        known: String,
     },
     /// No vehicle has such a node.
-    #[error("there is no node {node}: there are {known}")]
+    #[error("there is no node {node}: there are {known}{remedy}")]
     NoNodeAnywhere {
         /// The name.
         node: String,
         /// The nodes of each vehicle.
         known: String,
+        /// How to name a variant that has it, or to switch it on; empty if nothing does.
+        remedy: String,
     },
     /// Several vehicles have such a node.
     #[error("more than one vehicle has a node {node}: which one, {choices}?")]
@@ -52,11 +66,11 @@ pub enum Error {
     },
     /// A node's program is for another board.
     #[error(
-        "node.{index}.board: the program of {node} is written for {accepted}, and {board} is no board of it"
+        "{key}: the program of {node} is written for {accepted}, and {board} is no board of it"
     )]
     Board {
-        /// Place of the node in the manifest.
-        index: usize,
+        /// The key of its board in the manifest.
+        key: String,
         /// The node.
         node: String,
         /// The board that it is to be built for.
@@ -182,15 +196,50 @@ pub fn nodes(vehicle: &Vehicle, names: &[String]) -> Result<Vec<NodeIndex>, Erro
     }
     let mut nodes = Vec::new();
     for name in names {
-        nodes.push(vehicle.find_node(name).ok_or_else(|| Error::NoNode {
-            vehicle: vehicle.name().into(),
-            node: name.clone(),
-            known: node_names(vehicle).join(", "),
-        })?);
+        let node = vehicle.find_node(name);
+        nodes.push(node.ok_or_else(|| no_node(vehicle, name))?);
     }
     nodes.sort();
     nodes.dedup();
     Ok(nodes)
+}
+
+/// As [`nodes`], of those that send: all but the bus guardian when none is named. `why` says why a guardian is
+/// refused, as "has no self-test".
+///
+/// # Errors
+///
+/// The vehicle has no node of one of the names, or that node is the bus guardian.
+pub fn participants(
+    vehicle: &Vehicle,
+    names: &[String],
+    why: &'static str,
+) -> Result<Vec<NodeIndex>, Error> {
+    if names.is_empty() {
+        return Ok(vehicle.participants().collect());
+    }
+    let nodes = nodes(vehicle, names)?;
+    let mut named = nodes.iter();
+    named.try_for_each(|&node| no_guardian(vehicle, node, why))?;
+    Ok(nodes)
+}
+
+/// Refuses the bus guardian. `why` says why it does not take part, as "has no self-test".
+///
+/// # Errors
+///
+/// The node is the bus guardian.
+pub fn no_guardian(vehicle: &Vehicle, node: NodeIndex, why: &'static str) -> Result<(), Error> {
+    if vehicle.guardian() != Some(node) {
+        return Ok(());
+    }
+    let name = |node| vehicle.node(node).name.clone();
+    let known: Vec<String> = vehicle.participants().map(name).collect();
+    Err(Error::Guardian {
+        node: name(node),
+        why,
+        known: known.join(", "),
+    })
 }
 
 /// The names of a vehicle's nodes, in order.
@@ -215,23 +264,25 @@ pub fn with_node(
 ) -> Result<(Vehicle, NodeIndex), Error> {
     if let Some(name) = vehicle {
         let vehicle = with(workspace, name, overrides)?;
-        let index = vehicle.find_node(node).ok_or_else(|| Error::NoNode {
-            vehicle: name.into(),
-            node: node.into(),
-            known: node_names(&vehicle).join(", "),
-        })?;
+        let index = vehicle.find_node(node);
+        let index = index.ok_or_else(|| no_node(&vehicle, node))?;
         return Ok((vehicle, index));
     }
     let mut having = Vec::new();
     let mut known = Vec::new();
+    let mut remedies = Vec::new();
     for name in names(workspace)? {
         // The values are another vehicle's if this one refuses them.
         let changed = with(workspace, &name, overrides);
         let refused = changed.is_err();
         let vehicle = changed.or_else(|_| find(workspace, &name))?;
         if vehicle.variant_of().is_some() {
+            if vehicle.find_node(node).is_some() {
+                remedies.push(names_variant(&name));
+            }
             continue;
         }
+        remedies.extend(switch(&vehicle, node));
         known.push(format!("{} of {name}", node_names(&vehicle).join(", ")));
         if let Some(index) = vehicle.find_node(node) {
             having.push((vehicle, index, refused));
@@ -250,8 +301,58 @@ pub fn with_node(
         (None, _) => Err(Error::NoNodeAnywhere {
             node: node.into(),
             known: known.join("; "),
+            remedy: match remedies.as_slice() {
+                [] => String::new(),
+                some => format!("; {}", some.join(" or ")),
+            },
         }),
     }
+}
+
+/// Says that a variant has the node.
+fn names_variant(name: &str) -> String {
+    format!("--vehicle {name} names a variant that has it")
+}
+
+/// Names the option that switches a node on which is off in the vehicle's manifest.
+fn switch(vehicle: &Vehicle, node: &str) -> Option<String> {
+    let manifest = vehicle.manifest();
+    let rows = manifest.row_guidance.as_ref();
+    let rows = rows.map(|rows| ("row_guidance", rows.enabled, &rows.node));
+    let guardian = manifest.guardian.as_ref();
+    let guardian = guardian.map(|guardian| ("guardian", guardian.enabled, &guardian.node));
+    let mut switches = rows.into_iter().chain(guardian);
+    let (table, ..) = switches.find(|(_, on, of)| !on && of.name == node)?;
+    Some(format!("--set {table}.enabled=true switches it on"))
+}
+
+/// Says that a vehicle has no node of this name, and what to write instead.
+fn no_node(vehicle: &Vehicle, node: &str) -> Error {
+    let variants = variants_with(vehicle, node);
+    let remedies: Vec<String> = switch(vehicle, node).into_iter().chain(variants).collect();
+    Error::NoNode {
+        vehicle: vehicle.name().into(),
+        node: node.into(),
+        known: node_names(vehicle).join(", "),
+        remedy: match remedies.as_slice() {
+            [] => "--vehicle chooses another vehicle".into(),
+            some => some.join(" or "),
+        },
+    }
+}
+
+/// Names the options for those variants of a vehicle that have a node of this name.
+fn variants_with(vehicle: &Vehicle, node: &str) -> Vec<String> {
+    let base = vehicle.variant_of().unwrap_or(vehicle.name());
+    // The folder of all vehicles. One that cannot be read has no remedy to offer.
+    let Some(all) = vehicle.crate_folder().parent() else {
+        return Vec::new();
+    };
+    let names = Vehicle::names(all).unwrap_or_default().into_iter();
+    let found = names.filter_map(|name| Vehicle::find(all, &name).ok());
+    let having =
+        found.filter(|one| one.variant_of() == Some(base) && one.find_node(node).is_some());
+    having.map(|one| names_variant(one.name())).collect()
 }
 
 /// The board of a node.
@@ -292,6 +393,19 @@ fn package_table(manifest: &Path) -> Result<toml::Table, Error> {
         .map_err(|error| wrong(PackageError::Syntax(error)))
 }
 
+/// The key of a node's board in the manifest: a node that is switched on has a table of its own.
+fn board_key(vehicle: &Vehicle, node: NodeIndex) -> String {
+    let rows = vehicle.manifest().guidance_by_rows();
+    let is_rows = rows.is_some_and(|rows| rows.node.name == vehicle.node(node).name);
+    if vehicle.guardian() == Some(node) {
+        "guardian.node.board".into()
+    } else if is_rows {
+        "row_guidance.node.board".into()
+    } else {
+        format!("node.{}.board", node.0)
+    }
+}
+
 /// Checks that the programs of these nodes are written for their boards: the package says it in the features that
 /// a program requires.
 ///
@@ -318,7 +432,7 @@ pub fn check_boards(vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<(), Error>
             .collect();
         if !boards.is_empty() && !boards.contains(&board) {
             return Err(Error::Board {
-                index: node.0,
+                key: board_key(vehicle, node),
                 node: name.clone(),
                 board,
                 accepted: boards.join(" and "),
@@ -390,6 +504,57 @@ mod tests {
         assert!(
             failure.to_string().contains("there is no vehicle"),
             "{failure}"
+        );
+    }
+
+    #[test]
+    fn what_gives_a_vehicle_the_node_is_named() {
+        let workspace = Workspace::find().unwrap();
+        let none = &Overrides::default();
+        let refused = |node: &str, vehicle: Option<&str>| {
+            let error = with_node(&workspace, node, vehicle, none).unwrap_err();
+            error.to_string()
+        };
+        let text = refused("sentry", None);
+        assert!(
+            text.ends_with("uagv; --vehicle sentry names a variant that has it"),
+            "{text}"
+        );
+        let text = refused("guardian", None);
+        let switch = "--set guardian.enabled=true switches it on";
+        assert!(text.ends_with(&format!("uagv; {switch}")), "{text}");
+        let text = refused("rows", Some("uagv"));
+        let switch_rows = "drive; --set row_guidance.enabled=true switches it on";
+        assert!(text.ends_with(switch_rows), "{text}");
+        let text = nodes(&uagv(), &["guardian".into()])
+            .unwrap_err()
+            .to_string();
+        assert!(text.ends_with(&format!("drive; {switch}")), "{text}");
+        let text = refused("sentry", Some("uagv"));
+        assert!(
+            text.ends_with("drive; --vehicle sentry names a variant that has it"),
+            "{text}"
+        );
+        let text = refused("rudder", Some("uagv"));
+        assert!(
+            text.ends_with("--vehicle chooses another vehicle"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn all_nodes_but_the_guardian_take_part() {
+        let workspace = Workspace::find().unwrap();
+        let sentry = find(&workspace, "sentry").unwrap();
+        let asked = |names: &[String]| participants(&sentry, names, "has no self-test");
+        let four: Vec<NodeIndex> = (0..4).map(NodeIndex).collect();
+        assert_eq!(asked(&[]).unwrap(), four);
+        assert_eq!(asked(&["drive".into()]).unwrap(), [NodeIndex(3)]);
+        assert_eq!(
+            asked(&["gps".into(), "sentry".into()])
+                .unwrap_err()
+                .to_string(),
+            "sentry is the bus guardian, which has no self-test: gps, controller, steering, drive are accepted"
         );
     }
 

@@ -198,13 +198,7 @@ pub(crate) fn typed(command: &Command) -> String {
 
 /// A word as a shell reads it back.
 fn quoted(word: &OsStr) -> String {
-    let word = word.to_string_lossy();
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.into_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
+    campaign::quoted(&word.to_string_lossy())
 }
 
 #[cfg(test)]

@@ -93,6 +93,16 @@ fn parts_and_an_interrupted_run_make_the_same_report() {
     );
 }
 
+/// A bus guardian sends nothing, so it is no node that a campaign finds silent.
+#[test]
+fn a_guardian_that_follows_the_time_breaks_no_rule() {
+    let faults = ["sim", "--vehicle", "sentry", "--faults", "1"];
+    let output = done(&mut xtask(&faults));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("0 broke a rule"), "{said}");
+}
+
 /// The report of a run that is killed and goes on.
 fn interrupted(whole: &Path) -> String {
     let out = ["--out", text(whole)];

@@ -44,6 +44,14 @@ fn class(picture: &Picture, name: &str) -> Class {
 }
 
 #[test]
+fn nobody_waits_to_hear_a_guardian() {
+    let vehicle = vehicle::find(&Workspace::find().unwrap(), "sentry").unwrap();
+    let picture = Watch::new(&vehicle).picture(Duration::ZERO);
+    let nodes: Vec<&str> = picture.nodes.iter().map(|one| one.node.as_str()).collect();
+    assert_eq!(nodes, ["gps", "controller", "steering", "drive"]);
+}
+
+#[test]
 fn nodes_that_keep_to_their_windows_are_present() {
     let mut watch = watch();
     assert_eq!(class(&watch.picture(Duration::ZERO), "gps"), Class::Unheard);

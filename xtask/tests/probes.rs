@@ -261,9 +261,14 @@ fn a_key_gets_onto_a_board_and_is_shown_nowhere() {
     let missing = keys(&["flash", "motor"], &vehicle);
     assert_eq!(missing.status.code(), Some(2));
     let told = String::from_utf8(missing.stderr).unwrap();
-    assert!(told.contains("`cargo xtask keys new`"), "{told}");
+    let options = format!("--vehicle two-boards --file {file}");
+    let command = format!("`cargo xtask keys new {options}`");
+    assert!(told.contains(&command), "{told}");
     let made = keys(&["new"], &vehicle);
     assert!(made.status.success(), "{made:?}");
+    let told = String::from_utf8_lossy(&made.stdout);
+    let command = format!("`cargo xtask keys flash NODE {options}`");
+    assert!(told.contains(&command), "{told}");
     let again = keys(&["new"], &vehicle);
     assert_eq!(again.status.code(), Some(2));
     let secret = fs::read_to_string(file).unwrap();
@@ -335,6 +340,8 @@ fn a_file_of_a_key_is_refused_in_one_sentence() {
     refused(&["new", "--vehicle", "tank"]);
     refused(&["flash", "cannon", "--file", text]);
     refused(&["flash", "drive", "--file", text]);
+    let sentry = ["flash", "sentry", "--vehicle", "sentry", "--file", text];
+    assert!(refused(&sentry).contains("the bus guardian, which uses no key"));
 }
 
 const MOTOR: [&str; 6] = [

@@ -890,6 +890,56 @@ fn sections(name: &str, network: &Network) -> Result<(), String> {
     }
 }
 
+/// Checks which nodes a bus guardian of this name guards on its board.
+fn guarded(
+    guards: &[String],
+    guardian: &str,
+    sled: &Sled,
+    manifest: &Manifest,
+    network: &Network,
+) -> Result<(), String> {
+    let taps = sled.taps.len();
+    if guards.len() != taps {
+        let count = |count: usize, what: &str| match count {
+            1 => format!("1 {what}"),
+            more => format!("{more} {what}s"),
+        };
+        return Err(format!(
+            "guardian.guards has {}, but the board {} has {}: a node for each tap is accepted",
+            count(guards.len(), "node"),
+            sled.name,
+            count(taps, "tap")
+        ));
+    }
+    // A potential master repeats its reference when nobody acknowledges it, and that is not seen on its own line.
+    let is_master = |name: &str| {
+        let mut nodes = network.nodes.iter();
+        nodes.any(|node| node.name == name && node.master_rank.is_some())
+    };
+    let nodes = manifest.nodes.iter().map(|node| node.name.as_str());
+    let nodes: Vec<&str> = nodes.filter(|name| *name != guardian).collect();
+    let accepted = nodes.iter().filter(|name| taps > 1 || !is_master(name));
+    let accepted = accepted.copied().collect::<Vec<&str>>().join(" or ");
+    for (at, name) in guards.iter().enumerate() {
+        if !nodes.contains(&name.as_str()) {
+            return Err(format!(
+                "guardian.guards: there is no node {name:?} to guard: {accepted} is accepted"
+            ));
+        }
+        if guards.iter().skip(at + 1).any(|other| other == name) {
+            return Err(format!("guardian.guards: node {name:?} stands twice"));
+        }
+        if taps == 1 && is_master(name) {
+            return Err(format!(
+                "guardian.guards has {name:?}, a potential master, but a guardian on the board {} sees no other line than \
+                 the guarded one: {accepted} is accepted",
+                sled.name
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Checks a bus guardian, be it on or off.
 fn guardian(guardian: &BusGuardian, manifest: &Manifest, network: &Network) -> Result<(), String> {
     let BusGuardian { guards, node, .. } = guardian;
@@ -913,36 +963,7 @@ fn guardian(guardian: &BusGuardian, manifest: &Manifest, network: &Network) -> R
             "guardian.node.wiring has {connector:?}: nothing but TX lines is accepted, and `guards` has those"
         ));
     }
-    if guards.len() != sled.taps.len() {
-        return Err(format!(
-            "guardian.guards has {}: {} are accepted, one for each tap of the board {}",
-            guards.len(),
-            sled.taps.len(),
-            sled.name
-        ));
-    }
-    for (at, name) in guards.iter().enumerate() {
-        let mut known = network.nodes.iter();
-        if !known.any(|other| other.name == *name) || *name == node.name {
-            return Err(format!(
-                "guardian.guards: there is no node {name:?} to guard"
-            ));
-        }
-        if guards.iter().skip(at + 1).any(|other| other == name) {
-            return Err(format!("guardian.guards: node {name:?} stands twice"));
-        }
-        // It repeats its reference when nobody acknowledges it, and that is not seen on its own line.
-        let mut masters = network
-            .nodes
-            .iter()
-            .filter(|node| node.master_rank.is_some());
-        if sled.taps.len() == 1 && masters.any(|master| master.name == *name) {
-            return Err(format!(
-                "guardian.guards has {name:?}: a guardian on the board {} accepts a node that is no potential master, as it sees no other line",
-                sled.name
-            ));
-        }
-    }
+    guarded(guards, &node.name, sled, manifest, network)?;
     // Nothing could make it send: no message is its own.
     if network.nodes.iter().any(|other| other.name == node.name) {
         return Err(format!(

@@ -204,19 +204,23 @@ impl Overrides {
         self.0.is_empty()
     }
 
+    /// Each as `KEY=VALUE`, in the order of the keys.
+    #[must_use]
+    pub fn texts(&self) -> Vec<String> {
+        self.iter().map(|one| one.to_string()).collect()
+    }
+
     /// As the value of an environment variable.
     #[must_use]
     pub fn environment(&self) -> String {
-        let all: Vec<String> = self.iter().map(|one| one.to_string()).collect();
-        all.join(";")
+        self.texts().join(";")
     }
 
     /// As the end of a folder's name. Others have other names.
     #[must_use]
     pub fn folder_name(&self) -> String {
         const LONGEST: usize = 80;
-        let all: Vec<String> = self.iter().map(|one| one.to_string()).collect();
-        let text = all.join(",");
+        let text = self.texts().join(",");
         let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "_-.,=".contains(c);
         if text.len() <= LONGEST && text.chars().all(plain) {
             return text;

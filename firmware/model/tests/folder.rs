@@ -806,15 +806,20 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
         ("guardian.enabled=perhaps", "guardian.enabled"),
         (
             "guardian.node.board=f303",
-            "guardian.guards has 4: 1 are accepted, one for each tap of the board f303",
+            "guardian.guards has 4 nodes, but the board f303 has 1 tap: a node for each tap is accepted",
         ),
         (
             "guardian.node.board=f303;guardian.guards=[\"gps\"]",
-            "guardian.guards has \"gps\": a guardian on the board f303 accepts a node that is no potential master",
+            "guardian.guards has \"gps\", a potential master, but a guardian on the board f303 sees no other line than \
+             the guarded one: steering or drive is accepted",
         ),
         (
             "guardian.node.board=f303;guardian.guards=[\"guardian\"]",
-            "guardian.guards: there is no node \"guardian\" to guard",
+            "guardian.guards: there is no node \"guardian\" to guard: steering or drive is accepted",
+        ),
+        (
+            "guardian.node.board=f303;guardian.guards=[\"tester\"]",
+            "guardian.guards: there is no node \"tester\" to guard: steering or drive is accepted",
         ),
         (
             "guardian.node.name=drive",
@@ -840,7 +845,7 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
     for (guards, sentence) in [
         (
             "[\"gps\", \"drive\"]",
-            "guardian.guards has 2: 4 are accepted, one for each tap of the board f446",
+            "guardian.guards has 2 nodes, but the board f446 has 4 taps: a node for each tap is accepted",
         ),
         (
             "[\"gps\", \"controller\", \"drive\", \"drive\"]",
@@ -848,7 +853,7 @@ fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
         ),
         (
             "[\"gps\", \"controller\", \"drive\", \"plough\"]",
-            "guardian.guards: there is no node \"plough\" to guard",
+            "guardian.guards: there is no node \"plough\" to guard: gps or controller or steering or drive is accepted",
         ),
     ] {
         let error = refusal(

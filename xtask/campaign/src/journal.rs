@@ -244,6 +244,7 @@ mod tests {
     fn campaign(seed: u64) -> Campaign {
         Campaign {
             vehicle: "uagv".into(),
+            set: Vec::new(),
             trouble: Trouble::Faults,
             sequences: 4,
             seed,

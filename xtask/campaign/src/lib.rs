@@ -25,7 +25,7 @@ pub mod traffic;
 pub use journal::{Journal, JournalError, Lines};
 pub use merge::{MergeError, merge};
 pub use options::{Options, Shard, ShardError, Trouble};
-pub use report::{Campaign, Cause, Report, Verdict, digests};
+pub use report::{Campaign, Cause, Report, Verdict, digests, quoted};
 pub use rules::Violation;
 pub use run::{Progress, replay, run, stall};
 pub use sequence::{Sequence, Upset};

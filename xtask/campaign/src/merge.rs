@@ -119,6 +119,7 @@ fn difference(campaign: &Campaign, of: u64, part: &Report) -> Option<&'static st
     let other = &part.campaign;
     let differences = [
         (campaign.vehicle != other.vehicle, "their vehicles"),
+        (campaign.set != other.set, "the values of --set and --bus"),
         (
             campaign.trouble != other.trouble,
             "what happens in their sequences",
@@ -149,6 +150,7 @@ mod tests {
     fn campaign() -> Campaign {
         Campaign {
             vehicle: "uagv".into(),
+            set: vec!["safety.backup_master=drive".into()],
             trouble: Trouble::Attacks { key: true },
             sequences: 19,
             seed: 100,
@@ -242,6 +244,12 @@ mod tests {
         assert_eq!(error, different);
 
         let mut all = parts(3);
+        all[1].1.campaign.set.clear();
+        let error = merge(all).unwrap_err().to_string();
+        let values = "different campaigns: the values of --set and --bus differ";
+        assert!(error.ends_with(values), "{error}");
+
+        let mut all = parts(3);
         all[1].1.sequences = 5;
         let error = merge(all).unwrap_err().to_string();
         let few = "part 2 contradicts itself: it has 5 sequences, but part 2/3 of 19 has 6";
@@ -269,7 +277,12 @@ mod tests {
     #[test]
     fn a_part_that_contradicts_itself_is_refused() {
         type Change = fn(&mut Report);
-        let changes: [(Change, &str); 16] = [
+        let changes: [(Change, &str); 18] = [
+            (
+                |it| it.campaign.set[0] = "safety".into(),
+                "\"safety\" is no value",
+            ),
+            (|it| it.campaign.set[0] += "\n", "is no value"),
             (|it| it.simulated_seconds = -5.0, "simulated_seconds"),
             (|it| it.simulated_seconds = 1e308, "simulated_seconds"),
             (|it| it.simulated_seconds = f64::NAN, "simulated_seconds"),

@@ -34,6 +34,9 @@ pub struct Verdict {
 pub struct Campaign {
     /// Name of the vehicle.
     pub vehicle: String,
+    /// Values in place of those of its manifest, each as `KEY=VALUE`. Not every one changes an image.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub set: Vec<String>,
     /// What happens in its sequences.
     pub trouble: Trouble,
     /// Sequences of all parts.
@@ -51,11 +54,40 @@ impl Campaign {
     pub fn new(vehicle: &Vehicle, images: &Images, options: &Options) -> Self {
         Self {
             vehicle: vehicle.name().to_owned(),
+            set: vehicle.overrides().texts(),
             trouble: options.trouble,
             sequences: options.sequences,
             seed: options.seed,
             images: digests(vehicle, images),
         }
+    }
+
+    /// The command that runs the sequence of a seed again. A shell reads it back, whatever the file said
+    /// that the campaign comes from.
+    #[must_use]
+    pub fn replay(&self, seed: u64) -> String {
+        let attacker = match self.trouble {
+            Trouble::Faults => "",
+            Trouble::Attacks { .. } => " --attacker",
+        };
+        let vehicle = quoted(&self.vehicle);
+        let mut command =
+            format!("cargo xtask sim --faults 1{attacker} --seed {seed} --vehicle {vehicle}");
+        for set in &self.set {
+            command += &format!(" --set {}", quoted(set));
+        }
+        command
+    }
+}
+
+/// A word as a shell reads it back.
+#[must_use]
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
     }
 }
 
@@ -241,12 +273,8 @@ impl fmt::Display for Report {
                     violation.rule, violation.at, violation.what
                 )?;
             }
-            let attacker = self.attacks.as_ref().map_or("", |_| " --attacker");
-            writeln!(
-                f,
-                "  replay it with: cargo xtask sim --faults 1{attacker} --seed {} --vehicle {}",
-                verdict.seed, self.campaign.vehicle
-            )?;
+            let replay = self.campaign.replay(verdict.seed);
+            writeln!(f, "  replay it with: {replay}")?;
         }
         if self.failures.len() > 1 {
             writeln!(f, "first causes:")?;
@@ -273,30 +301,61 @@ impl fmt::Display for Report {
         let kind = self.attacks.as_ref().map_or("fault", |_| "attack");
         writeln!(
             f,
-            "{} {kind} sequences, {:.0} s simulated, {} broke a rule",
+            "{} {kind} {}, {:.0} s simulated, {} broke a rule",
             self.sequences,
+            sequences(self.sequences),
             self.simulated_seconds,
             self.failures.len()
         )
     }
 }
 
-/// Why a rule is known to be broken.
-fn reason(rule: &str) -> &'static str {
+/// The word behind a number of sequences.
+const fn sequences(count: u64) -> &'static str {
+    match count {
+        1 => "sequence",
+        _ => "sequences",
+    }
+}
+
+/// What happened where a rule is known to be broken, and why it could.
+fn limit(rule: &str) -> &'static str {
     match rule {
-        "notice" => "because consoles do not count foreign references",
-        "recovery" => "because the schedule follows the receiver's epochs by 100 us in each cycle",
-        _ => "because a reference is proven only by the next one",
+        "notice" => {
+            "no console counted the foreign references: none counts those that its node refuses"
+        }
+        "recovery" => {
+            "some windows of the satellite receiver stayed empty for more than a second: the schedule \
+             follows the receiver's epochs by only 100 us in each cycle"
+        }
+        "master" => {
+            "a motor was driven under a foreign reference: a reference is proven only by the next one"
+        }
+        _ => {
+            "a node sent in a window that began with a foreign reference: a reference is proven only by \
+             the next one"
+        }
     }
 }
 
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "attack                  attacks   frames sent")?;
+        writeln!(
+            f,
+            "attack                  attacks   frames sent   frames destroyed"
+        )?;
         for (kind, count) in &self.attacks {
-            let frames = self.attempts.get(kind).map(u64::to_string);
-            let frames = frames.unwrap_or_default();
-            writeln!(f, "  {kind:<22} {count:>6} {frames:>13}")?;
+            let number = |known: Option<&u64>| known.map_or("-".into(), u64::to_string);
+            let sent = self.attempts.get(kind).or(self.floods.get(kind));
+            let (sent, destroyed) = (number(sent), number(self.suppressed.get(kind)));
+            writeln!(f, "  {kind:<22} {count:>6} {sent:>13} {destroyed:>18}")?;
+        }
+        let in_vain = self.suppressed.iter().filter(|(_, count)| **count == 0);
+        for (kind, _) in in_vain {
+            writeln!(
+                f,
+                "{kind}: no node sent a frame that it aimed at while it lasted"
+            )?;
         }
         writeln!(
             f,
@@ -317,10 +376,11 @@ impl fmt::Display for Tally {
             )?;
         }
         for (rule, count) in &self.known {
+            let sequences = sequences(*count);
             writeln!(
                 f,
-                "known, {}: rule {rule} in {count} sequences",
-                reason(rule)
+                "known limit, not counted as a broken rule ({rule}): in {count} {sequences} {}",
+                limit(rule)
             )?;
             if let Some(example) = self.known_examples.get(rule) {
                 let crate::attack::Example { seed, at, what } = example;
@@ -334,6 +394,67 @@ impl fmt::Display for Tally {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_replay_has_all_that_the_images_depend_on() {
+        let mut campaign = Campaign {
+            vehicle: "two-boards".into(),
+            set: Vec::new(),
+            trouble: Trouble::Faults,
+            sequences: 4,
+            seed: 1,
+            images: BTreeMap::new(),
+        };
+        let command = campaign.replay(3);
+        let plain = "cargo xtask sim --faults 1 --seed 3 --vehicle two-boards";
+        assert_eq!(command, plain);
+        // As in the files of before.
+        let text = serde_json::to_string(&campaign).unwrap();
+        assert!(!text.contains("\"set\""), "{text}");
+        assert_eq!(serde_json::from_str::<Campaign>(&text).unwrap(), campaign);
+        campaign.trouble = Trouble::Attacks { key: true };
+        campaign.set = vec![
+            "bus.protocol=event-triggered".into(),
+            "rover.cruise=0.8 m/s".into(),
+        ];
+        let command = campaign.replay(3);
+        let attacked = "cargo xtask sim --faults 1 --attacker --seed 3 --vehicle two-boards \
+                        --set bus.protocol=event-triggered --set 'rover.cruise=0.8 m/s'";
+        assert_eq!(command, attacked);
+        assert_eq!(quoted("it's; $(rm x)"), r"'it'\''s; $(rm x)'");
+    }
+
+    #[test]
+    fn what_attacks_did_is_told_for_each_kind() {
+        let count = |pairs: &[(&'static str, u64)]| -> BTreeMap<Word, u64> {
+            let pairs = pairs.iter();
+            pairs
+                .map(|(name, count)| ((*name).into(), *count))
+                .collect()
+        };
+        let tally = Tally {
+            attacks: count(&[("bus-off", 1), ("flood", 2), ("suppression", 2)]),
+            floods: count(&[("flood", 70)]),
+            suppressed: count(&[("bus-off", 12), ("suppression", 0)]),
+            known: count(&[("place", 1), ("notice", 2)]),
+            ..Tally::default()
+        };
+        let text = tally.to_string();
+        let has = |line: &str| assert!(text.lines().any(|one| one == line), "{line}\n{text}");
+        has("attack                  attacks   frames sent   frames destroyed");
+        has("  bus-off                     1             -                 12");
+        has("  flood                       2            70                  -");
+        has("  suppression                 2             -                  0");
+        has("suppression: no node sent a frame that it aimed at while it lasted");
+        assert!(
+            text.contains("(place): in 1 sequence a node sent in a window"),
+            "{text}"
+        );
+        assert!(
+            text.contains("(notice): in 2 sequences no console"),
+            "{text}"
+        );
+    }
 
     fn failure(seed: u64, broken: &[(&str, f64, &str)]) -> Verdict {
         let violation = |&(rule, at, what): &(&str, f64, &str)| Violation {

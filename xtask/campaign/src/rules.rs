@@ -496,7 +496,7 @@ impl Judge<'_> {
         whole.to_owned()
     }
 
-    /// The state of a node that sends no periodic message, or withholds it, is read from its console.
+    /// The state of a node that sends no periodic message, as a bus guardian, or withholds it, is read from its console.
     fn silent(&self, node: NodeIndex) -> Option<Violation> {
         let mut messages = self.matrix.messages().iter();
         let speaks = messages.any(|message| {
@@ -507,18 +507,17 @@ impl Judge<'_> {
         if speaks || self.sequence.is_lost(node) {
             return None;
         }
-        let of = self.outcome.nodes.iter().find(|of| of.node == node)?;
-        let console = self.console(node);
-        let last = console.lines().rev().find(|line| line.starts_with("bus "));
-        let scheduled = last.is_some_and(|line| line.starts_with("bus run"));
-        (!scheduled).then(|| Violation {
+        // A bus guardian has no state of the bus to tell, but whether it follows the time of the network.
+        let manifest = self.vehicle.manifest();
+        let teller = match manifest.is_guardian(self.vehicle.node(node)) {
+            true => "guardian",
+            false => "bus",
+        };
+        let last = unscheduled(&self.console(node), teller)?;
+        Some(Violation {
             rule: "presence".into(),
             at: END,
-            what: format!(
-                "{} is not in schedule: {}",
-                of.name,
-                last.unwrap_or("silent")
-            ),
+            what: format!("{} is not in schedule: {last}", self.name(node)),
         })
     }
 
@@ -590,6 +589,15 @@ impl Judge<'_> {
     }
 }
 
+/// The last line of a console that begins with the word `teller`, unless that line says that the node is in
+/// schedule.
+fn unscheduled(console: &str, teller: &str) -> Option<String> {
+    let state = |line: &&str| line.split(' ').next() == Some(teller);
+    let last = console.lines().rev().find(state);
+    let scheduled = last.is_some_and(|line| line.split(' ').nth(1) == Some("run"));
+    (!scheduled).then(|| last.unwrap_or("silent").to_owned())
+}
+
 /// The first instant of `span` that is in none of the others.
 fn uncovered(span: (f64, f64), allowed: &[(f64, f64)], stalled: &[(f64, f64)]) -> Option<f64> {
     let mut at = span.0;
@@ -615,7 +623,19 @@ fn seconds(time: SimTime) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::uncovered;
+    use super::{uncovered, unscheduled};
+
+    #[test]
+    fn a_console_tells_whether_its_node_is_in_schedule() {
+        let node = "bus off S0\nsatellites 7\nbus run S0 own-0 odd 0\n";
+        assert_eq!(unscheduled(node, "bus"), None);
+        let guardian = "guardian run cuts drive 0\nguardian sync cuts drive 0\n";
+        let last = unscheduled(guardian, "guardian");
+        assert_eq!(last.as_deref(), Some("guardian sync cuts drive 0"));
+        let later = format!("{guardian}guardian run cuts drive 0\ncut drive pulses times 1\n");
+        assert_eq!(unscheduled(&later, "guardian"), None);
+        assert_eq!(unscheduled(&later, "bus").as_deref(), Some("silent"));
+    }
 
     #[test]
     fn the_first_uncovered_instant_is_found() {

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use vehicle_model::Override;
+
 use crate::Word;
 use crate::attack::Tally;
 use crate::options::Trouble;
@@ -40,6 +42,14 @@ impl Report {
                 self.simulated_seconds
             ));
         }
+        let is_value =
+            |text: &&String| Override::parse(text).is_ok_and(|read| read.to_string() == **text);
+        let mut set = self.campaign.set.iter();
+        if let Some(odd) = set.find(|text| !is_value(text)) {
+            return Some(format!(
+                "{odd:?} is no value of --set: KEY=VALUE is accepted"
+            ));
+        }
         self.texts().or_else(|| self.counts())
     }
 
@@ -61,7 +71,15 @@ impl Report {
         let kinds = self
             .attacks
             .iter()
-            .flat_map(|tally| tally.attacks.keys().chain(tally.attempts.keys()));
+            .flat_map(|tally| {
+                [
+                    &tally.attacks,
+                    &tally.attempts,
+                    &tally.floods,
+                    &tally.suppressed,
+                ]
+            })
+            .flat_map(BTreeMap::keys);
         let mut texts = images
             .chain([&campaign.vehicle])
             .chain(told)
@@ -115,7 +133,13 @@ impl Report {
             tally.suppressed_frames,
             tally.moved_a_motor,
         ];
-        let maps = [&tally.attacks, &tally.attempts, &tally.known];
+        let maps = [
+            &tally.attacks,
+            &tally.attempts,
+            &tally.floods,
+            &tally.suppressed,
+            &tally.known,
+        ];
         let mut counts = maps.into_iter().flat_map(BTreeMap::values).chain(&counts);
         if counts.any(|count| *count > MOST) {
             return Some(format!("attacks counts more than {MOST} of something"));

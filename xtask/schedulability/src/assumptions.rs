@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use network_model::Network;
+
 use crate::foreign::Foreign;
 use crate::models::Models;
 use crate::results::NodeReport;
@@ -129,7 +131,9 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
             model.name,
             table.core_hz() as f64 / 1e6
         );
-        all.push(if models.event_triggered {
+        all.push(if !sends(network, &model.name) {
+            runs + " and sends nothing."
+        } else if models.event_triggered {
             runs + "."
         } else {
             let lead = time(table.board.transmit_lead);
@@ -141,11 +145,27 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     all.extend(summarised(nodes, true));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
+        let sending = nodes.iter().any(|node| sends(network, &node.name));
+        // A bus guardian alone has no motor, and no say in one.
+        let after = match sending {
+            true => ", after which the motors are stopped: who writes the panic handler makes sure",
+            false => "",
+        };
+        let panics = match panics {
+            1 => "a panic".to_owned(),
+            more => format!("{more} panics"),
+        };
         all.push(format!(
-            "The image does not prove {panics} panics impossible. A path is charged up to its panic, after which the motors are stopped: who writes the panic handler makes sure."
+            "The image does not prove {panics} impossible. A path is charged up to its panic{after}."
         ));
     }
     all
+}
+
+/// Whether a node sends a message of the network file. A bus guardian sends none.
+fn sends(network: &Network, node: &str) -> bool {
+    let mut messages = network.messages.iter();
+    messages.any(|message| message.sender.eq_ignore_ascii_case(node))
 }
 
 /// The annotations that the bounds of these nodes rest on, one sentence each. `watched` if there are observed

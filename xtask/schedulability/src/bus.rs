@@ -96,6 +96,21 @@ pub fn messages(
     reports
 }
 
+/// The identifiers of the messages in arbitrating windows that wait for frames of one of these nodes, or are its
+/// own: what they need depends on how fast that node reacts.
+#[must_use]
+pub fn waiting_for(network: &Network, nodes: &[&str]) -> BTreeSet<u16> {
+    let reactions = Reactions::new();
+    let events = Events::new(network, &reactions);
+    let is_of = |message: &&Message| {
+        let mut nodes = nodes.iter();
+        nodes.any(|node| node.eq_ignore_ascii_case(&message.sender))
+    };
+    let waits = |message: &&&Message| events.competing(message).iter().any(is_of);
+    let waiting = events.messages.iter().filter(waits);
+    waiting.map(|message| message.id).collect()
+}
+
 /// The messages of the arbitrating windows.
 struct Events<'a> {
     network: &'a Network,

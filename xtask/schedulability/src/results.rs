@@ -507,6 +507,9 @@ pub struct Report {
     pub nodes: Vec<NodeReport>,
     /// By message, in the order of their windows.
     pub messages: Vec<MessageReport>,
+    /// The messages of arbitrating windows that are not among them: they wait for frames of nodes that are not
+    /// analysed.
+    pub left_out: Vec<String>,
     /// By chain; a chain through a node that is not analysed is left out.
     pub chains: Vec<ChainReport>,
     /// By kernel, where they were measured.

@@ -14,7 +14,7 @@ use crate::model::NodeModel;
 use crate::models::{Files, InputError, Models, Supplements};
 use crate::node::{Observed, schedule};
 use crate::releases::Bus;
-use crate::results::Report;
+use crate::results::{MessageReport, Report};
 use crate::side_by_side::side_by_side;
 use crate::table::{LoopBound, NodeTable, unused_bound};
 use crate::transfers::Transfers;
@@ -191,6 +191,7 @@ impl Programs {
             let mut all = models.network.messages.iter();
             !all.any(|message| foreign(message) && message.name == report.name)
         });
+        let (messages, left_out) = self.independent(messages);
         let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
         let mut chains = Vec::new();
         let bus = Bus::new(&models.network, "", 0).with_errors(models.errors);
@@ -215,11 +216,35 @@ impl Programs {
             assumptions: crate::assumptions::of(models, &nodes),
             nodes,
             messages,
+            left_out,
             chains,
             kernels: Vec::new(),
             basic_cycle,
             errors: models.errors,
         })
+    }
+}
+
+impl Programs {
+    /// The answers that do not depend on a node whose program is not here, and the names of the other messages.
+    fn independent(&self, messages: Vec<MessageReport>) -> (Vec<MessageReport>, Vec<String>) {
+        let Models {
+            network,
+            nodes,
+            table,
+            ..
+        } = &self.models;
+        let is_here = |node: &&String| nodes.iter().any(|(model, _)| model.name == **node);
+        let absent = table.node.keys().filter(|node| !is_here(node));
+        let absent: Vec<&str> = absent.map(String::as_str).collect();
+        let unknown = bus::waiting_for(network, &absent);
+        let (left_out, known): (Vec<_>, Vec<_>) = messages
+            .into_iter()
+            .partition(|message| message.arbitrating && unknown.contains(&message.id));
+        (
+            known,
+            left_out.into_iter().map(|message| message.name).collect(),
+        )
     }
 }
 

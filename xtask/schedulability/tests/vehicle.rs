@@ -169,10 +169,42 @@ fn analysed() -> Report {
         chains: chains.collect(),
         nodes,
         messages,
+        left_out: Vec::new(),
         kernels: Vec::new(),
         basic_cycle: 100_000_000_000,
         assumptions: vec!["Nobody presses <all> buttons at once.".to_owned()],
         errors: table.bus.errors(),
+    }
+}
+
+/// A message of a shared window waits for others there, whose nodes may be slow.
+#[test]
+fn what_depends_on_a_node_that_is_not_analysed_is_left_out() {
+    let network = network();
+    assert!(bus::waiting_for(&network, &[]).is_empty());
+    let waiting = bus::waiting_for(&network, &["controller"]);
+    let shared = |message: &&network_model::Message| {
+        message.window.kind == network_model::WindowKind::Arbitrating
+    };
+    let shared: Vec<_> = network.messages.iter().filter(shared).collect();
+    assert!(waiting.len() > 1, "{waiting:?}");
+    assert!(
+        waiting
+            .iter()
+            .all(|id| shared.iter().any(|one| one.id == *id))
+    );
+    let own = shared.iter().filter(|one| one.sender == "controller");
+    assert!(own.clone().count() > 0);
+    assert!(own.clone().all(|one| waiting.contains(&one.id)));
+    let mut report = vehicle();
+    let text = report::table(&report);
+    assert!(!text.contains("left out"), "{text}");
+    report.left_out = vec!["StateReport".into(), "ErrorReport".into()];
+    for text in [report::table(&report), report::html(&report)] {
+        assert!(
+            text.contains("left out: StateReport, ErrorReport;"),
+            "{text}"
+        );
     }
 }
 

@@ -188,7 +188,11 @@ impl Watch {
     /// A bus of which no frame has come yet.
     #[must_use]
     pub fn new(vehicle: &Vehicle) -> Self {
-        let nodes = crate::vehicle::node_names(vehicle);
+        // Nobody hears a bus guardian, which sends nothing.
+        let senders = vehicle.participants();
+        let nodes: Vec<String> = senders
+            .map(|node| vehicle.node(node).name.clone())
+            .collect();
         Self {
             vehicle: vehicle.name().to_owned(),
             classes: vec![Class::Unheard; nodes.len()],

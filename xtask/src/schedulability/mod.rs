@@ -374,6 +374,7 @@ mod tests {
         Report {
             nodes: Vec::new(),
             messages: Vec::new(),
+            left_out: Vec::new(),
             chains: vec![ChainReport {
                 name: "button to motor".into(),
                 steps: vec![StepReport {

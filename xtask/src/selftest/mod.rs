@@ -68,7 +68,7 @@ pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
         &options.bus,
         &options.set,
     )?;
-    let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
+    let nodes = vehicle::participants(&vehicle, &options.nodes, "has no self-test")?;
     let messages =
         Messages::of(&vehicle).ok_or_else(|| Error::NoMessages(vehicle.name().into()))?;
     let bit_rate = messages.bit_rate();

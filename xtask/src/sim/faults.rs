@@ -206,13 +206,12 @@ pub(crate) fn first(
     eprint!("{report}");
     let broken = report.failures.iter().map(|failure| {
         let seed = failure.seed;
-        let (kind, option) = match trouble {
-            Trouble::Faults => ("fault", ""),
-            Trouble::Attacks { .. } => ("attack", " --attacker"),
+        let kind = match trouble {
+            Trouble::Faults => "fault",
+            Trouble::Attacks { .. } => "attack",
         };
-        format!(
-            "{kind} sequence {seed} broke a rule: cargo xtask sim --faults 1{option} --seed {seed}"
-        )
+        let replay = report.campaign.replay(seed);
+        format!("{kind} sequence {seed} broke a rule: {replay}")
     });
     Ok(broken.collect())
 }

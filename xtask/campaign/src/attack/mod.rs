@@ -129,6 +129,15 @@ impl Kind {
     pub(crate) fn destroys(&self) -> bool {
         matches!(self, Self::Suppress { .. } | Self::BusOff { .. })
     }
+
+    /// Whether it destroys frames with this identifier.
+    pub(crate) fn aims_at(&self, frame: u16) -> bool {
+        match self {
+            Self::Suppress { id, .. } => id.is_none_or(|id| id == frame),
+            Self::BusOff { ids, .. } => ids.contains(&frame),
+            _ => false,
+        }
+    }
 }
 
 /// An attack.
@@ -259,7 +268,9 @@ impl Drawing<'_> {
     }
 
     fn bus_off(&mut self) -> (Kind, String) {
-        let node = NodeIndex(self.stream.below(self.vehicle.nodes().len()));
+        // A bus guardian is the last of the nodes, and sends nothing.
+        let senders = self.vehicle.participants().count();
+        let node = NodeIndex(self.stream.below(senders));
         let name = &self.vehicle.node(node).name;
         let messages = self.vehicle.network().messages.iter();
         let own = messages.filter(|message| message.sender == *name);

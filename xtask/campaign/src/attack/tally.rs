@@ -22,8 +22,15 @@ pub struct Tally {
     pub attempts_in_command_window: u64,
     /// Frames of floods.
     pub flood_frames: u64,
+    /// The same by kind of flood. Reports of earlier versions do not have it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub floods: BTreeMap<Word, u64>,
     /// Frames of the vehicle's nodes that suppressions destroyed.
     pub suppressed_frames: u64,
+    /// The same by kind of attack, with 0 for one that found none of the frames that it aims at. Reports of earlier
+    /// versions do not have it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub suppressed: BTreeMap<Word, u64>,
     /// Forged or replayed commands that moved a motor.
     pub moved_a_motor: u64,
     /// Longest time from the end of the last attack until every node's frames came again, s; of runs
@@ -66,6 +73,8 @@ impl Tally {
         };
         sum(&mut self.attacks, &other.attacks);
         sum(&mut self.attempts, &other.attempts);
+        sum(&mut self.floods, &other.floods);
+        sum(&mut self.suppressed, &other.suppressed);
         sum(&mut self.known, &other.known);
         self.attempts_in_command_window += other.attempts_in_command_window;
         self.flood_frames += other.flood_frames;

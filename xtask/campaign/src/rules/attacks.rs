@@ -106,7 +106,13 @@ impl Judge<'_> {
         let attacks = &self.sequence.attacks;
         let mut tally = Tally::default();
         for attack in attacks {
-            *tally.attacks.entry(attack.kind.name().into()).or_default() += 1;
+            let kind = || attack.kind.name().into();
+            *tally.attacks.entry(kind()).or_default() += 1;
+            if attack.kind.destroys() {
+                tally.suppressed.entry(kind()).or_default();
+            } else if !attack.kind.is_attempt() {
+                tally.floods.entry(kind()).or_default();
+            }
         }
         for frame in foreign {
             let kind = &attacks[frame.attack].kind;
@@ -114,16 +120,25 @@ impl Judge<'_> {
                 *tally.attempts.entry(kind.name().into()).or_default() += 1;
             } else {
                 tally.flood_frames += 1;
+                *tally.floods.entry(kind.name().into()).or_default() += 1;
             }
         }
         tally.attempts_in_command_window = self.in_command_window(foreign).len() as u64;
-        let suppressed = |frame: &&Sent| {
+        let destroyed = self.traffic.frames.iter();
+        let destroyed = destroyed.filter(|frame| frame.node.is_some() && !frame.complete);
+        for frame in destroyed {
             let at = seconds(frame.start);
             let mut attacks = attacks.iter();
-            let hit = attacks.any(|one| one.kind.destroys() && (one.from..one.until).contains(&at));
-            frame.node.is_some() && !frame.complete && hit
-        };
-        tally.suppressed_frames = self.traffic.frames.iter().filter(suppressed).count() as u64;
+            let hit = attacks
+                .find(|one| one.kind.aims_at(frame.id) && (one.from..one.until).contains(&at));
+            if let Some(attack) = hit {
+                tally.suppressed_frames += 1;
+                *tally
+                    .suppressed
+                    .entry(attack.kind.name().into())
+                    .or_default() += 1;
+            }
+        }
         tally
     }
 

@@ -7,7 +7,7 @@ use crate::units::time;
 
 use super::cells::{HEADINGS, LEGEND, or_dash, row};
 use super::explain::explain;
-use super::summary::{followed, verdict};
+use super::summary::{followed, left_out, verdict};
 use super::timeline::timeline;
 
 const STYLE: &str = "\
@@ -45,6 +45,7 @@ pub fn html(report: &Report) -> String {
         @if let Some(followed) = followed(report) { p { (followed) } }
         h2 { "Bus" }
         (bus(&report.messages))
+        @if let Some(sentence) = left_out(report) { p { (sentence) } }
         @for chain in &report.chains { (of_chain(chain)) }
         h2 { "Assumptions" }
         ul { @for assumption in &report.assumptions { li { (assumption) } } }

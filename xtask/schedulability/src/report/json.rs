@@ -53,6 +53,7 @@ pub fn json(report: &Report) -> Value {
             "tolerance": tolerance(message.tolerance),
             "meets": message.meets(),
         })).collect::<Vec<_>>(),
+        "messages_left_out": report.left_out,
         "chains": report.chains.iter().map(|chain| json!({
             "name": chain.name,
             "latency_ps": chain.latency,

@@ -53,6 +53,14 @@ pub(super) fn tightness(report: &Report) -> Option<String> {
     })
 }
 
+/// Which messages are left out, and why; `None` if none is.
+pub(super) fn left_out(report: &Report) -> Option<String> {
+    let names = report.left_out.join(", ");
+    (!names.is_empty()).then(|| {
+        format!("left out: {names}; what they need depends on nodes that are not analysed here")
+    })
+}
+
 /// How far emulated runs confirm the analysed paths; `None` without a run.
 pub(super) fn followed(report: &Report) -> Option<String> {
     let tasks = report.nodes.iter().flat_map(|node| {

@@ -8,7 +8,7 @@ use crate::units::time;
 use super::cells::{HEADINGS, LEGEND, or_dash, row};
 use super::columns::Align::{Left, Right};
 use super::columns::columns;
-use super::summary::{followed, tightness, verdict};
+use super::summary::{followed, left_out, tightness, verdict};
 
 /// The whole report as text.
 #[must_use]
@@ -124,6 +124,9 @@ fn bus(text: &mut String, report: &Report) {
         ],
         rows,
     ));
+    if let Some(sentence) = left_out(report) {
+        let _ = writeln!(text, "  {sentence}");
+    }
 }
 
 fn chains(text: &mut String, report: &Report) {
