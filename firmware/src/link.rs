@@ -742,14 +742,21 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.node.set_reference_payload(&[byte]);
     }
 
-    /// Goes on from a time that this node saw proven before it started, ms: if it leads the bus, its
-    /// first reference tells a later one, as later references were not proven yet, and commands may have
-    /// followed them. If it hears another master first, it takes that one's time.
-    #[cfg(feature = "master")]
+    /// Goes on from a time that this node saw proven before it started, ms. A reference of an earlier time
+    /// begins no basic cycle, so no command of an earlier cycle is obeyed. Call this after
+    /// [`Link::prove_time`].
+    ///
+    /// If the node leads the bus, its first reference tells a later time, as later references were not
+    /// proven yet, and commands may have followed them. If it hears another master first, it takes that
+    /// one's time.
     pub fn resume(&mut self, before: u32) {
-        let time = before.wrapping_add(2 * self.time.interval());
-        self.set_time(self.now(), time);
-        self.resumed = Some(time);
+        self.time.resume(before);
+        #[cfg(feature = "master")]
+        {
+            let time = before.wrapping_add(2 * self.time.interval());
+            self.set_time(self.now(), time);
+            self.resumed = Some(time);
+        }
     }
 
     /// Sets the system time of the instant `stamp`, ms. A time before the one that the node goes on from
@@ -1290,6 +1297,24 @@ mod tests {
         let before = link.cycle_began();
         assert_eq!(reference(&mut link, 1, 1500), News::default());
         assert_eq!((link.cycle_began(), link.counters().past), (before, 1));
+    }
+
+    #[test]
+    fn a_node_that_starts_again_follows_no_time_before_the_kept_one() {
+        let mut link = steering();
+        link.prove_time(Secret::Key(crate::e2e::Key::new([7; 16])), 0xFC);
+        link.resume(5000);
+        link.start();
+        pass(&mut link, 0);
+        for time in [0, 1000, 4900] {
+            assert_eq!(reference(&mut link, 1, time), News::default(), "{time}");
+            pass(&mut link, 100_000);
+        }
+        assert_eq!(link.counters().past, 3);
+        for time in [5100, 5200] {
+            assert!(reference(&mut link, 1, time).reference, "{time}");
+            pass(&mut link, 100_000);
+        }
     }
 
     #[test]
