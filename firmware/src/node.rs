@@ -411,7 +411,7 @@ impl Keeper {
     /// node may start again without harm.
     ///
     /// A node on its RC oscillator starts again when its external clock has come, or to lead as
-    /// the last resort; every node does when a program on the bus asks for the whole self-test.
+    /// the last resort; one without a key does when a program on the bus asks for the whole self-test.
     pub fn step<S: StatusMessage>(
         &mut self,
         link: &mut impl Mutex<T: AnyLink>,
