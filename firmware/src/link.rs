@@ -814,9 +814,26 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.cycle_time
     }
 
+    /// Whether the time of the current basic cycle is proven, or the node has no key and believes every
+    /// reference.
+    ///
+    /// If not, seal nothing for this cycle. A forged reference may have told a time of days ahead: whoever
+    /// records the sealed command could play it then, and an actuator that took it would refuse all earlier
+    /// commands, the true ones, until then.
+    pub fn is_time_believed(&self) -> bool {
+        self.time.proof() != Proof::Unproven
+    }
+
     /// Takes the frame that arrived in a window; `None` if there is no new one.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.inbox.get_mut(window).and_then(Option::take)
+    }
+
+    /// Takes a sealed frame that arrived in a window. One that came while the time was not
+    /// [believed](Self::is_time_believed) is dropped: its tag says nothing, and the receiver would go on from its time.
+    pub fn take_believed(&mut self, window: usize) -> Option<Frame> {
+        let frame = self.take(window);
+        frame.filter(|_| self.is_time_believed())
     }
 
     /// Takes the message that arrived in a window; `None` if there is no new one or its data
@@ -830,7 +847,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// command is in force in the pause behind the end of another one.
     pub fn arrival(&mut self, command: usize) -> Arrival {
         let allowed = self.commands_arrive(command);
-        let frame = self.take(command);
+        let frame = self.take_believed(command);
         let alive = self
             .ends
             .hand_over(allowed, frame.is_some(), self.timer.now());
@@ -894,7 +911,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     fn may_move_at(&self, now: u32) -> bool {
-        self.time.proof() != Proof::Unproven && self.leader.permits(now)
+        self.is_time_believed() && self.leader.permits(now)
     }
 
     /// Whether the time master's permission to move has ended since the last call. Call it after

@@ -20,7 +20,8 @@
 //! References that were recorded prove their time as well as they did then. So a node with a key
 //! ignores every reference of a time before one that it has seen proven. A time that jumps ahead is
 //! not proven until as many right tags have followed it without another jump. So who forges one
-//! reference cannot lock the true ones out.
+//! reference cannot lock the true ones out. Nothing is sealed or judged meanwhile
+//! ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
 //!
 //! Each node keeps the latest proven time in memory that a reset leaves alone. After a reset it still
 //! ignores earlier times, so nobody can reset an actuator and play it the commands of this run. A time

@@ -195,3 +195,43 @@ fn a_run_that_is_played_back_to_an_actuator_that_was_reset_moves_nothing() {
     let reset = "[[reset]]\nnode = \"drive\"\nat = \"4.7 s\"\nuntil = \"4.8 s\"\n";
     played_in_the_same_run(reset, |_| {});
 }
+
+/// Somebody without the key destroys one reference and sends another one in its place, which tells a time of days
+/// later. A command that the controller sealed for that time would be true.
+#[test]
+fn a_forged_reference_of_a_later_time_does_not_lock_true_commands_out() {
+    let mut journey = running(
+        "key = true\n\
+         [[press]]\nat = \"3.05 s\"\nbutton = \"A\"\n\
+         [[press]]\nat = \"5 s\"\nbutton = \"B\"\n\
+         [[joystick]]\nat = \"5.2 s\"\nforward = \"50 %\"",
+    );
+    journey.to(4.0);
+    let traffic = journey.traffic();
+    let last = traffic.genuine(100).last().expect("a reference");
+    let (mut start, mut data) = (last.start, last.bytes());
+    let time = told(last).wrapping_add(1_000_000_000);
+    while start < at(4.1) {
+        start += span(0.1);
+        let mark = u16::from_be_bytes([data[6], data[7]]).wrapping_add(1696 * 32);
+        data[6..].copy_from_slice(&mark.to_be_bytes());
+    }
+    data[1..5].copy_from_slice(&time.to_be_bytes());
+    let attacker = Attacker::on(&mut journey);
+    // It begins before the true one, which has to wait, and is destroyed then.
+    for id in [100, 101] {
+        attacker.suppress(&mut journey, Some(id), start, start + span(0.05));
+    }
+    attacker.send(&mut journey, start - span(0.000_3), 100, &data);
+    journey.to(7.0);
+    assert_eq!(journey.mode(), Some(mode::MANUAL));
+    assert!(journey.effort(nodes::DRIVE, at(6.9)) > 0.2);
+    // Nor can whoever recorded it play a command at that time: there is none.
+    let traffic = journey.traffic();
+    let forged = traffic
+        .frames
+        .iter()
+        .find(|frame| frame.node.is_none() && frame.complete);
+    let from = forged.expect("the attacker's reference").end;
+    assert_eq!(traffic.between(300, from, from + span(0.05)).count(), 0);
+}
