@@ -23,6 +23,11 @@
 //! reference cannot lock the true ones out. Nothing is sealed or judged meanwhile
 //! ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
 //!
+//! Whoever has recorded a later time can lock the true ones out: enough references in a row, of another run
+//! with the same key, played while the masters are off the bus, prove their time. A node cannot tell them from
+//! those of a master that has set its clock. It stays stopped until the true time has passed theirs, or until
+//! it is switched off. The tags of references are made by the network's key, so sessions do not change this.
+//!
 //! Each node keeps the latest proven time in memory that a reset leaves alone. After a reset it still
 //! ignores earlier times, so nobody can reset an actuator and play it the commands of this run. A time
 //! master goes on from the kept time.
