@@ -314,9 +314,12 @@ impl Housekeeping {
 
     /// Notes a request of a program on the bus; `still` tells that no motor turns by this node's
     /// hand. True if the node is to start again.
+    ///
+    /// A node with a key never starts again by a request: requests have no tag, so whoever reaches the bus
+    /// could restart the whole vehicle. It only reports what the running program has found.
     pub fn ask(&mut self, request: &Request, still: bool) -> bool {
         self.round = Some(request.round);
-        request.start_again && still
+        request.start_again && still && self.start.secret == Secret::None
     }
 
     /// Notes that the queue had no room for the report of a round: it is tried again after the pause.
@@ -616,6 +619,29 @@ mod tests {
         assert_eq!(rounds, [(0, 800), (7, 800), (7, 800)]);
         assert!(keeping.ask(&request(8, true), true));
         assert!(!keeping.ask(&request(9, true), false));
+    }
+
+    #[test]
+    fn a_node_with_a_key_answers_a_request_but_does_not_start_again() {
+        for secret in [Secret::Key(crate::e2e::Key::new([7; 16])), Secret::Damaged] {
+            let start = Start {
+                secret,
+                ..start(ResetCause::Pin, None)
+            };
+            let mut keeping = Housekeeping::new(&start, &SOUND);
+            let request = Request {
+                round: 8,
+                start_again: true,
+            };
+            assert!(!keeping.ask(&request, true));
+            let bus = view(SyncState::InSchedule, 0);
+            let reports = (0..100).filter_map(|_| {
+                let report = keeping.test(&bus, Motor::none(true), 0, 800);
+                keeping.step(&bus, 0);
+                report.map(|report| report.round)
+            });
+            assert_eq!(reports.collect::<std::vec::Vec<_>>(), [8]);
+        }
     }
 
     #[test]

@@ -742,14 +742,21 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.node.set_reference_payload(&[byte]);
     }
 
-    /// Goes on from a time that this node saw proven before it started, ms: if it leads the bus, its
-    /// first reference tells a later one, as later references were not proven yet, and commands may have
-    /// followed them. If it hears another master first, it takes that one's time.
-    #[cfg(feature = "master")]
+    /// Goes on from a time that this node saw proven before it started, ms. A reference of an earlier time
+    /// begins no basic cycle, so no command of an earlier cycle is obeyed. Call this after
+    /// [`Link::prove_time`].
+    ///
+    /// If the node leads the bus, its first reference tells a later time, as later references were not
+    /// proven yet, and commands may have followed them. If it hears another master first, it takes that
+    /// one's time.
     pub fn resume(&mut self, before: u32) {
-        let time = before.wrapping_add(2 * self.time.interval());
-        self.set_time(self.now(), time);
-        self.resumed = Some(time);
+        self.time.resume(before);
+        #[cfg(feature = "master")]
+        {
+            let time = before.wrapping_add(2 * self.time.interval());
+            self.set_time(self.now(), time);
+            self.resumed = Some(time);
+        }
     }
 
     /// Sets the system time of the instant `stamp`, ms. A time before the one that the node goes on from
@@ -807,9 +814,26 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.cycle_time
     }
 
+    /// Whether the time of the current basic cycle is proven, or the node has no key and believes every
+    /// reference.
+    ///
+    /// If not, seal nothing for this cycle. A forged reference may have told a time of days ahead: whoever
+    /// records the sealed command could play it then, and an actuator that took it would refuse all earlier
+    /// commands, the true ones, until then.
+    pub fn is_time_believed(&self) -> bool {
+        self.time.proof() != Proof::Unproven
+    }
+
     /// Takes the frame that arrived in a window; `None` if there is no new one.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.inbox.get_mut(window).and_then(Option::take)
+    }
+
+    /// Takes a sealed frame that arrived in a window. One that came while the time was not
+    /// [believed](Self::is_time_believed) is dropped: its tag says nothing, and the receiver would go on from its time.
+    pub fn take_believed(&mut self, window: usize) -> Option<Frame> {
+        let frame = self.take(window);
+        frame.filter(|_| self.is_time_believed())
     }
 
     /// Takes the message that arrived in a window; `None` if there is no new one or its data
@@ -823,7 +847,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// command is in force in the pause behind the end of another one.
     pub fn arrival(&mut self, command: usize) -> Arrival {
         let allowed = self.commands_arrive(command);
-        let frame = self.take(command);
+        let frame = self.take_believed(command);
         let alive = self
             .ends
             .hand_over(allowed, frame.is_some(), self.timer.now());
@@ -887,7 +911,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     fn may_move_at(&self, now: u32) -> bool {
-        self.time.proof() != Proof::Unproven && self.leader.permits(now)
+        self.is_time_believed() && self.leader.permits(now)
     }
 
     /// Whether the time master's permission to move has ended since the last call. Call it after
@@ -1290,6 +1314,24 @@ mod tests {
         let before = link.cycle_began();
         assert_eq!(reference(&mut link, 1, 1500), News::default());
         assert_eq!((link.cycle_began(), link.counters().past), (before, 1));
+    }
+
+    #[test]
+    fn a_node_that_starts_again_follows_no_time_before_the_kept_one() {
+        let mut link = steering();
+        link.prove_time(Secret::Key(crate::e2e::Key::new([7; 16])), 0xFC);
+        link.resume(5000);
+        link.start();
+        pass(&mut link, 0);
+        for time in [0, 1000, 4900] {
+            assert_eq!(reference(&mut link, 1, time), News::default(), "{time}");
+            pass(&mut link, 100_000);
+        }
+        assert_eq!(link.counters().past, 3);
+        for time in [5100, 5200] {
+            assert!(reference(&mut link, 1, time).reference, "{time}");
+            pass(&mut link, 100_000);
+        }
     }
 
     #[test]

@@ -58,14 +58,26 @@ pub enum Entry {
     NotDone(Check),
 }
 
+/// The [number](crate::e2e::Key::number) of a key. It is logged in the eight hexadecimal digits that `cargo xtask
+/// keys show` prints, so that the two can be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KeyNumber(pub u32);
+
+#[cfg(feature = "target")]
+impl defmt::Format for KeyNumber {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{=u32:08X}", self.0);
+    }
+}
+
 /// What a node knows of the key of its network. A key itself is never logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum KeyState {
     /// It has none: whoever reaches the bus can command the vehicle.
     None,
-    /// It has the key of this [number](crate::e2e::Key::number).
-    Known(u32),
+    /// It has the key of this number.
+    Known(KeyNumber),
     /// Its key is damaged, and it obeys no command.
     Damaged,
 }
@@ -74,7 +86,7 @@ impl From<&Secret> for KeyState {
     fn from(secret: &Secret) -> Self {
         match secret {
             Secret::None => Self::None,
-            Secret::Key(key) => Self::Known(key.number()),
+            Secret::Key(key) => Self::Known(KeyNumber(key.number())),
             Secret::Damaged => Self::Damaged,
         }
     }

@@ -4,7 +4,6 @@
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
-#[cfg(feature = "master")]
 use crate::e2e::Secret;
 use crate::event;
 use crate::fault;
@@ -194,7 +193,6 @@ impl<const WINDOWS: usize, const NODES: usize> Protocol for Stack<WINDOWS, NODES
         let mut link = Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)?;
         link.wait_for(awaited);
         link.prove_time(start.secret, free);
-        #[cfg(feature = "master")]
         if let (Secret::Key(_), Some(time)) = (start.secret, board::kept::take()) {
             link.resume(time);
         }
@@ -413,7 +411,7 @@ impl Keeper {
     /// node may start again without harm.
     ///
     /// A node on its RC oscillator starts again when its external clock has come, or to lead as
-    /// the last resort; every node does when a program on the bus asks for the whole self-test.
+    /// the last resort; one without a key does when a program on the bus asks for the whole self-test.
     pub fn step<S: StatusMessage>(
         &mut self,
         link: &mut impl Mutex<T: AnyLink>,

@@ -298,8 +298,8 @@ pub struct KeyNode {
     cargo xtask selftest --running                            without a start\n  \
     cargo xtask selftest --node drive steering --json         two nodes, as JSON\n  \
     cargo xtask selftest --set row_guidance.enabled=true      also the node that finds crop rows\n\n\
-    All nodes whose motor does not turn start again and do all checks; with --running, or while\n\
-    its motor may turn, a node repeats the results of its last start and checks the rest.\n\
+    All nodes whose motor does not turn start again and do all checks. With --running, with a key, or\n\
+    while its motor may turn, a node repeats the results of its last start and checks the rest.\n\
     The request is sent in its window of the schedule, so a time master must lead the bus.\n\
     For SocketCAN: sudo ip link set can0 up type can bitrate 250000\n\n\
     Exit code 0: every node reported, and no check failed; 1: a check failed or a node is silent,\n\

@@ -161,6 +161,15 @@ impl Transport for Paper<'_> {
 
 /// Asks all nodes of a vehicle.
 fn asks(transport: &mut dyn Transport, vehicle: &Vehicle, start_again: bool) -> Answers {
+    asks_and_notes(transport, vehicle, start_again).0
+}
+
+/// Asks all nodes of a vehicle, and returns what the user is told meanwhile, too.
+fn asks_and_notes(
+    transport: &mut dyn Transport,
+    vehicle: &Vehicle,
+    start_again: bool,
+) -> (Answers, Vec<String>) {
     let messages = Messages::of(vehicle).unwrap();
     let names = vehicle::node_names(vehicle);
     let wanted: Vec<usize> = (0..names.len()).collect();
@@ -170,12 +179,15 @@ fn asks(transport: &mut dyn Transport, vehicle: &Vehicle, start_again: bool) -> 
         wanted: &wanted,
         start_again,
     };
+    let mut notes = Vec::new();
     let tell = &mut |told| {
         if let Told::Note(note) = told {
             eprintln!("{note}");
+            notes.push(note);
         }
     };
-    ask(transport, &question, tell).unwrap()
+    let answers = ask(transport, &question, tell).unwrap();
+    (answers, notes)
 }
 
 /// The rounds of the reports; `None` for a silent node.
@@ -218,6 +230,21 @@ fn the_nodes_start_again_and_report() {
         ]
     );
     assert!((values[0].1 + 0.3).abs() < 1e-9, "{values:?}");
+}
+
+/// A node with a key answers the request to start again as a running one.
+#[test]
+fn a_node_that_does_not_start_again_is_named() {
+    let vehicle = two_boards();
+    let mut bus = Paper::led(|_| {
+        let of = |node, round| report(&vehicle, node, round, &[]);
+        vec![(millis(20), of(1, 1)), (millis(3400), of(0, 0))]
+    });
+    let (answers, notes) = asks_and_notes(&mut bus, &vehicle, true);
+    assert_eq!(rounds(&answers), [Some(0), Some(1)]);
+    let last = notes.last().unwrap();
+    assert!(last.starts_with("Not started again: motor. "), "{last}");
+    assert!(last.contains("with a key"), "{last}");
 }
 
 #[test]

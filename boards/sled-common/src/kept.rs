@@ -1,6 +1,7 @@
-//! Time of the bus that a reset leaves alone.
+//! Latest proven time of the bus, which a reset leaves alone.
 //!
-//! A time master that starts again goes on from it. It is lost with the supply.
+//! A node that starts again follows no earlier time, and a time master goes on from it. It is lost with
+//! the supply.
 
 /// Marks a time that was kept: the second word is the first one exclusive-or this. Random memory after
 /// power-up is unlikely to hold such a pair.

@@ -14,6 +14,12 @@
 //! | 1, 2 | the count, least significant half first |
 //! | 3 | the exclusive or of these two and of `0x51A7` |
 //! | 4.. | marks: erased, or used by a start |
+//! | the last | erased, or zero once the other unit goes on from this one |
+//!
+//! When the other unit has a whole head, the last half-word of this one is written before a start gets a number from
+//! the other. So if a head is not whole, the last half-word of the other unit tells why. If it is erased, a loss of
+//! power interrupted the head, and no start has a number from it. If it is not, the head was whole once and is
+//! damaged: the older unit must not count on, because its next numbers were given already.
 //!
 //! A number counts only when its mark was read back, so no two starts have the same one. Marks that a loss of power
 //! left half written are used ones.
@@ -41,7 +47,7 @@ pub trait Units {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Lost {
-    /// Neither unit has a whole head, and there were starts before: their number is not known.
+    /// The unit that counts has no whole head: the number of the starts before is not known.
     Damaged,
     /// The flash could not be written.
     Unwritten,
@@ -53,14 +59,19 @@ pub enum Lost {
 /// [`Lost`] says why there is none.
 pub fn count(units: &mut impl Units) -> Result<u32, Lost> {
     let (upper, begin) = match [false, true].map(|upper| head(units, upper)) {
-        [Some(lower), Some(upper)] => (upper > lower, lower.max(upper)),
-        [Some(lower), None] => (false, lower),
-        [None, Some(upper)] => (true, upper),
+        [Some(lower), Some(upper)] => {
+            let newer = upper > lower;
+            // The loss of power came between the head and this.
+            leave(units, !newer)?;
+            (newer, lower.max(upper))
+        }
+        [Some(lower), None] if !is_left(units, false) => (false, lower),
+        [None, Some(upper)] if !is_left(units, true) => (true, upper),
         [None, None] if is_unused(units, false) && is_unused(units, true) => {
             self::begin(units, false, 0)?;
             (false, 0)
         }
-        [None, None] => return Err(Lost::Damaged),
+        _ => return Err(Lost::Damaged),
     };
     if let Some(number) = mark(units, upper, begin) {
         return Ok(number);
@@ -68,6 +79,7 @@ pub fn count(units: &mut impl Units) -> Result<u32, Lost> {
     // All of its marks are used, or cannot be written.
     let next = begin.saturating_add(units.size() as u32);
     self::begin(units, !upper, next)?;
+    leave(units, upper)?;
     mark(units, !upper, next).ok_or(Lost::Unwritten)
 }
 
@@ -83,10 +95,30 @@ fn is_unused(units: &impl Units, upper: bool) -> bool {
     (HEAD..units.size()).all(|at| units.read(upper, at) == ERASED)
 }
 
+/// Whether the other unit has gone on from this one.
+fn is_left(units: &impl Units, upper: bool) -> bool {
+    units.read(upper, last(units)) != ERASED
+}
+
+/// Notes in this unit that the other one goes on from it. A loss of power that leaves this half written does no harm,
+/// as the head of the other unit is whole.
+fn leave(units: &mut impl Units, upper: bool) -> Result<(), Lost> {
+    let last = last(units);
+    let done = is_left(units, upper) || units.write(upper, last, USED);
+    if done { Ok(()) } else { Err(Lost::Unwritten) }
+}
+
+/// The last half-word of a unit.
+fn last(units: &impl Units) -> usize {
+    units.size().saturating_sub(1)
+}
+
 /// Begins a unit with this count.
 fn begin(units: &mut impl Units, upper: bool, count: u32) -> Result<(), Lost> {
     let (low, high) = (count as u16, (count >> 16) as u16);
-    let done = units.erase(upper)
+    // Without its first half-word the old head is not whole, whatever an interrupted erasure makes of it.
+    let done = units.write(upper, 0, 0)
+        && units.erase(upper)
         && units.write(upper, 1, low)
         && units.write(upper, 2, high)
         && units.write(upper, 3, low ^ high ^ WHOLE)
@@ -96,7 +128,7 @@ fn begin(units: &mut impl Units, upper: bool, count: u32) -> Result<(), Lost> {
 
 /// Uses the next mark. Returns the number of the start; `None` if there is no mark.
 fn mark(units: &mut impl Units, upper: bool, begin: u32) -> Option<u32> {
-    (HEAD..units.size()).find_map(|at| {
+    (HEAD..last(units)).find_map(|at| {
         let used = units.read(upper, at) == ERASED && units.write(upper, at, USED);
         used.then(|| begin.saturating_add(at as u32))
     })
@@ -199,7 +231,7 @@ mod tests {
             last = number;
         }
         // One for each unit that is begun.
-        assert_eq!(flash.erasures, 100_usize.div_ceil(SIZE - HEAD));
+        assert_eq!(flash.erasures, 100_usize.div_ceil(SIZE - HEAD - 1));
     }
 
     #[test]
@@ -215,6 +247,44 @@ mod tests {
         let mut flash = Flash::new();
         flash.power = Some((0, 0));
         assert_eq!(count(&mut flash), Err(Lost::Unwritten));
+    }
+
+    /// One half-word of either head has another value, after any number of starts.
+    #[test]
+    fn a_damaged_head_gives_no_number_again() {
+        for starts in 1..40 {
+            let mut flash = Flash::new();
+            let given: BTreeSet<u32> = (0..starts).map(|_| count(&mut flash).unwrap()).collect();
+            for (upper, at, bit) in
+                (0..2 * HEAD * 16).map(|case| (case % 2, case / 32, case / 2 % 16))
+            {
+                let mut damaged = flash.clone();
+                damaged.units[upper][at] ^= 1 << bit;
+                for later in 0..30 {
+                    let number = count(&mut damaged);
+                    if let Ok(number) = number {
+                        assert!(
+                            !given.contains(&number),
+                            "{number}: {starts}, {later} later"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_damaged_head_of_the_unit_that_counts_is_told() {
+        let mut flash = Flash::new();
+        for _ in 0..SIZE {
+            count(&mut flash).unwrap();
+        }
+        flash.units[1][1] ^= 1;
+        assert_eq!(count(&mut flash), Err(Lost::Damaged));
+        // The other one is not asked for a number any more.
+        flash.units[1][1] ^= 1;
+        flash.units[0][1] ^= 1;
+        assert!(count(&mut flash).is_ok());
     }
 
     #[test]

@@ -38,7 +38,8 @@
 //! move anything, and a right one does so for two periods: with 26 bits and a period of 100 ms, an hour
 //! of guessing succeeds once in 11 000 times.
 //!
-//! The time itself needs a proof, too: see [`TimeProof`]. A receiver never goes back to a time before
+//! The time itself needs a proof, too: see [`TimeProof`]. While it has none, nothing is sealed: a command for the
+//! time of a forged reference would be true later, when that time comes. A receiver never goes back to a time before
 //! that of the last true command. So who plays back references and commands of an hour ago moves
 //! nothing.
 //!

@@ -20,11 +20,23 @@
 //! References that were recorded prove their time as well as they did then. So a node with a key
 //! ignores every reference of a time before one that it has seen proven. A time that jumps ahead is
 //! not proven until as many right tags have followed it without another jump. So who forges one
-//! reference cannot lock the true ones out.
+//! reference cannot lock the true ones out. Nothing is sealed or judged meanwhile
+//! ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
 //!
-//! A time master that starts again goes on from the time before: it is kept in memory that a reset
-//! leaves alone. A master that has lost its supply has lost the time, too. If it begins with an earlier
-//! one, the nodes that remember theirs ignore it until they are switched off.
+//! Whoever has recorded a later time can lock the true ones out: enough references in a row, of another run
+//! with the same key, played while the masters are off the bus, prove their time. A node cannot tell them from
+//! those of a master that has set its clock. It stays stopped until the true time has passed theirs, or until
+//! it is switched off. The tags of references are made by the network's key, so sessions do not change this.
+//!
+//! Each node keeps the latest proven time in memory that a reset leaves alone. After a reset it still
+//! ignores earlier times, so nobody can reset an actuator and play it the commands of this run. A time
+//! master goes on from the kept time.
+//!
+//! A node that has lost its supply has lost the time, too. If that is a master and it begins with an
+//! earlier time, the nodes that remember theirs ignore it until they are switched off. If it is an
+//! actuator, recorded references of this run prove an earlier time to it, and only a
+//! [`Session`](super::Session) lets it refuse their commands. The same holds for commands that an actuator
+//! did not hear because it was held in reset while they were sent.
 
 use ttcan::{Frame, Micros};
 
@@ -166,6 +178,13 @@ impl TimeProof {
                 _ if mask == 0 => Proof::Unasked,
                 Secret::Key(_) | Secret::Damaged => Proof::Unproven,
             },
+        }
+    }
+
+    /// Goes on from a time that this node saw proven before it started, ms: an earlier one is not followed.
+    pub const fn resume(&mut self, latest: u32) {
+        if self.mask() != 0 {
+            self.latest = Some(latest);
         }
     }
 

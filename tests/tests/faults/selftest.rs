@@ -56,7 +56,7 @@ fn drive(prepare: impl FnOnce(&mut Journey)) -> (Journey, DriveSelfTest) {
 }
 
 /// A program on the bus asks all nodes, in the next arbitrating window.
-fn ask(journey: &mut Journey, request: SelfTestRequest) {
+pub(crate) fn ask(journey: &mut Journey, request: SelfTestRequest) {
     let traffic = journey.traffic();
     let reference = traffic.genuine(100).last().expect("a reference").start;
     let mut bus = journey.vehicle.network().bus();

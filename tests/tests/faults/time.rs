@@ -2,9 +2,11 @@
 //! time does not go back.
 
 use campaign::traffic::Sent;
+use firmware::selftest::KEY;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span, system_time};
+use uagv::messages::SelfTestRequest;
 use world::SimTime;
 
 use crate::attacker::Attacker;
@@ -137,4 +139,99 @@ fn masters_that_start_again_go_on_with_the_time() {
 #[test]
 fn masters_that_start_again_without_a_receiver_go_on_with_the_time() {
     masters_go_on("[[stream]]\nfrom = \"3.1 s\"\nfault = \"silence\"");
+}
+
+/// Lets the vehicle drive and stand again, keeps both time masters off the bus, and plays the references and commands
+/// of the drive. `begin` is what happens just before, at 4.5 s, and `more` stands in the scenario.
+fn played_in_the_same_run(more: &str, begin: impl FnOnce(&mut Journey)) {
+    let mut journey = running(&format!(
+        "key = true\n\
+         [[press]]\nat = \"3.05 s\"\nbutton = \"A\"\n\
+         [[reset]]\nnode = \"gps\"\nat = \"4.7 s\"\n\
+         [[reset]]\nnode = \"controller\"\nat = \"4.7 s\"\n{more}"
+    ));
+    let traffic = journey.traffic();
+    let record = |id| traffic.genuine(id).filter(|frame| frame.start > at(1.0));
+    let frames: Vec<(SimTime, u16, Vec<u8>)> = [100, 300]
+        .into_iter()
+        .flat_map(|id| record(id).map(move |frame| (frame.start, id, frame.data.clone())))
+        .collect();
+    assert!(frames.len() >= 38);
+    journey.to(4.5);
+    let since = journey.vehicle.now();
+    for node in [nodes::STEERING, nodes::DRIVE] {
+        assert_eq!(journey.effort(node, since), 0.0);
+    }
+    begin(&mut journey);
+    journey.to(6.0);
+    let attacker = Attacker::on(&mut journey);
+    for (start, id, data) in &frames {
+        attacker.send(&mut journey, *start + span(5.5), *id, data);
+    }
+    journey.to(9.0);
+    for node in [nodes::STEERING, nodes::DRIVE] {
+        let moved = journey.last_moved(node);
+        assert!(moved < Some(since), "{node:?} moved at {moved:?}");
+    }
+}
+
+/// The program on the bus that asks for a self-test needs no key.
+#[test]
+fn a_run_that_is_played_back_after_a_request_to_start_again_moves_nothing() {
+    played_in_the_same_run("", |journey| {
+        crate::selftest::ask(
+            journey,
+            SelfTestRequest {
+                round: 7,
+                key: KEY,
+                start_again: true,
+            },
+        );
+    });
+}
+
+#[test]
+fn a_run_that_is_played_back_to_an_actuator_that_was_reset_moves_nothing() {
+    let reset = "[[reset]]\nnode = \"drive\"\nat = \"4.7 s\"\nuntil = \"4.8 s\"\n";
+    played_in_the_same_run(reset, |_| {});
+}
+
+/// Somebody without the key destroys one reference and sends another one in its place, which tells a time of days
+/// later. A command that the controller sealed for that time would be true.
+#[test]
+fn a_forged_reference_of_a_later_time_does_not_lock_true_commands_out() {
+    let mut journey = running(
+        "key = true\n\
+         [[press]]\nat = \"3.05 s\"\nbutton = \"A\"\n\
+         [[press]]\nat = \"5 s\"\nbutton = \"B\"\n\
+         [[joystick]]\nat = \"5.2 s\"\nforward = \"50 %\"",
+    );
+    journey.to(4.0);
+    let traffic = journey.traffic();
+    let last = traffic.genuine(100).last().expect("a reference");
+    let (mut start, mut data) = (last.start, last.bytes());
+    let time = told(last).wrapping_add(1_000_000_000);
+    while start < at(4.1) {
+        start += span(0.1);
+        let mark = u16::from_be_bytes([data[6], data[7]]).wrapping_add(1696 * 32);
+        data[6..].copy_from_slice(&mark.to_be_bytes());
+    }
+    data[1..5].copy_from_slice(&time.to_be_bytes());
+    let attacker = Attacker::on(&mut journey);
+    // It begins before the true one, which has to wait, and is destroyed then.
+    for id in [100, 101] {
+        attacker.suppress(&mut journey, Some(id), start, start + span(0.05));
+    }
+    attacker.send(&mut journey, start - span(0.000_3), 100, &data);
+    journey.to(7.0);
+    assert_eq!(journey.mode(), Some(mode::MANUAL));
+    assert!(journey.effort(nodes::DRIVE, at(6.9)) > 0.2);
+    // Nor can whoever recorded it play a command at that time: there is none.
+    let traffic = journey.traffic();
+    let forged = traffic
+        .frames
+        .iter()
+        .find(|frame| frame.node.is_none() && frame.complete);
+    let from = forged.expect("the attacker's reference").end;
+    assert_eq!(traffic.between(300, from, from + span(0.05)).count(), 0);
 }

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use defmt_parser::{Fragment, Parameter, ParserMode, Type};
+use defmt_parser::{DisplayHint, Fragment, Parameter, ParserMode, Type};
 use object::{Object, ObjectSection, ObjectSymbol};
 use serde::Deserialize;
 
@@ -129,15 +129,22 @@ impl Log {
     fn text(&self, format: &str, input: &mut Input<'_>) -> Option<String> {
         let fragments = defmt_parser::parse(format, ParserMode::ForwardsCompatible).ok()?;
         // Arguments come in the order of their numbers, each once.
-        let mut types: BTreeMap<usize, &Type> = BTreeMap::new();
+        let mut parameters: BTreeMap<usize, &Parameter> = BTreeMap::new();
         for fragment in &fragments {
-            if let Fragment::Parameter(Parameter { index, ty, .. }) = fragment {
-                types.insert(*index, ty);
+            if let Fragment::Parameter(parameter) = fragment {
+                parameters.insert(parameter.index, parameter);
             }
         }
         let mut arguments = BTreeMap::new();
-        for (index, kind) in types {
-            arguments.insert(index, self.argument(kind, input)?);
+        for (index, Parameter { ty, hint, .. }) in parameters {
+            let argument = match (ty, hint) {
+                // No program of this workspace has another hint.
+                (Type::U32, Some(DisplayHint::Hexadecimal { zero_pad, .. })) => {
+                    format!("{:0zero_pad$X}", input.u32()?)
+                }
+                _ => self.argument(ty, input)?,
+            };
+            arguments.insert(index, argument);
         }
         let mut text = String::new();
         for fragment in &fragments {
@@ -316,6 +323,15 @@ mod tests {
         assert_eq!(log.line(&frame[..5]), None, "a frame that is cut off");
         assert_eq!(log.line(&[8, 0]), None, "an unknown format");
         assert_eq!(log.line(&[9, 0]), None, "not the format of a line");
+    }
+
+    /// So the log's number of a key is that of `cargo xtask keys show`.
+    #[test]
+    fn a_number_in_hexadecimal_has_all_its_digits() {
+        let log = log(&[(7, Some("INFO"), "{=u32:08X}")]);
+        let mut frame = vec![7, 0];
+        frame.extend(0x09A3_40BD_u32.to_le_bytes());
+        assert_eq!(log.line(&frame).unwrap(), "INFO 09A340BD");
     }
 
     #[test]

@@ -129,11 +129,13 @@ pub fn ask(
             reports: vec![None; question.names.len()],
             ..Answers::default()
         },
+        restarts: Vec::new(),
         last: None,
         on_time: None,
         periods: Vec::new(),
     };
     asking.all()?;
+    asking.note_running();
     Ok(asking.answers)
 }
 
@@ -142,6 +144,8 @@ struct Asking<'a> {
     question: &'a Question<'a>,
     tell: &'a mut dyn FnMut(Told),
     answers: Answers,
+    /// Rounds of the requests to start again.
+    restarts: Vec<u8>,
     /// The last reference message.
     last: Option<Begin>,
     /// The same, if it came one basic cycle after the one before.
@@ -206,6 +210,25 @@ impl Asking<'_> {
         Ok(())
     }
 
+    /// Says which nodes have answered a request to start again without a start.
+    fn note_running(&mut self) {
+        let wanted = self.question.wanted.iter();
+        let running: Vec<&str> = wanted
+            .filter(|node| {
+                let report = self.answers.reports[**node].as_ref();
+                report.is_some_and(|(_, report)| self.restarts.contains(&report.round))
+            })
+            .map(|node| self.question.names[*node].as_str())
+            .collect();
+        if !running.is_empty() {
+            self.note(&format!(
+                "Not started again: {}. A node with a key never starts again by a request, and no node does while \
+                 its motor may turn. The results are those of its last start and of its running program.",
+                running.join(", ")
+            ));
+        }
+    }
+
     /// Names of the nodes that have not reported.
     fn missing(&self) -> Vec<&str> {
         let silent = |node: &&usize| self.answers.reports[**node].is_none();
@@ -256,6 +279,9 @@ impl Asking<'_> {
             if now <= begin.at + place.latest {
                 self.transport.send(&frame)?;
                 self.answers.requests.push((now, now - begin.at));
+                if start_again {
+                    self.restarts.push(round);
+                }
                 let nodes = match start_again {
                     true => "The nodes are asked to start again",
                     false => "The running nodes are asked",

@@ -185,10 +185,11 @@ mod app {
         let (mut link, mut last) = (cx.shared.link, cx.shared.last);
         let (mut follower, mut due) = (cx.shared.follower, cx.shared.due);
         let mut halted = cx.shared.halted;
-        let (left, right, time) = link.lock(|link| {
+        let (left, right, time, believed) = link.lock(|link| {
             let left = link.message::<DistanceLeft>(window::DISTANCE_LEFT);
             let right = link.message::<DistanceRight>(window::DISTANCE_RIGHT);
-            (left, right, link.cycle_began())
+            let (time, believed) = (link.cycle_began(), link.is_time_believed());
+            (left, right, time, believed)
         });
         let distances = Sides {
             left: left.map(|left| left.distance),
@@ -202,7 +203,9 @@ mod app {
         let command = row_follower::command(&step, cx.local.sender, time);
         let log = row_follower::row_log(&distances, &step);
         // Each in a lock of its own, so that the bus waits for one of them at most.
-        link.lock(|link| link.put(window::COMMAND, command));
+        if believed {
+            link.lock(|link| link.put(window::COMMAND, command));
+        }
         link.lock(|link| link.put(window::ROW_LOG, log));
         due.lock(|due| *due = true);
         last.lock(|last| *last = Some(step));

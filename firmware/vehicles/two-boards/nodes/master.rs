@@ -144,13 +144,17 @@ mod app {
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;
         let mut knob = cx.shared.knob;
-        let (message, time) =
-            link.lock(|link| (link.message::<Knob>(window::KNOB), link.cycle_began()));
+        let (message, time, believed) = link.lock(|link| {
+            let message = link.message::<Knob>(window::KNOB);
+            (message, link.cycle_began(), link.is_time_believed())
+        });
         let Some(Knob { count }) = message else {
             return;
         };
         let data = two_boards::command(count.0, cx.local.sender, time);
-        link.lock(|link| link.put(window::COMMAND, data));
+        if believed {
+            link.lock(|link| link.put(window::COMMAND, data));
+        }
         knob.lock(|knob| *knob = (count.0, knob.1.wrapping_add(1)));
     }
 

@@ -246,13 +246,14 @@ mod app {
     #[task(binds = EXTI1, priority = 5, shared = [link, driving], local = [sender])]
     fn control(cx: control::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
-        let (mut inputs, seen, frame, time) = link.lock(|link| {
+        let (mut inputs, seen, frame, time, believed) = link.lock(|link| {
             let inputs = wire::inputs(link);
             (
                 inputs,
                 tilt::take(link),
                 guide::take(link),
                 link.cycle_began(),
+                link.is_time_believed(),
             )
         });
         let command = driving.lock(|driving| {
@@ -267,7 +268,7 @@ mod app {
             let sender = cx.local.sender;
             session::change(sender, &mut driving.session);
             let command = wire::command(&decision, sender, time);
-            session::can_seal(sender).then_some(command)
+            (believed && session::can_seal(sender)).then_some(command)
         });
         link.lock(|link| link.replace(window::COMMAND, command));
         rtic::pend(Interrupt::EXTI4);

@@ -166,12 +166,12 @@ mod app {
     fn offset(cx: offset::Context) {
         let (mut link, mut watcher) = (cx.shared.link, cx.shared.watcher);
         let sighting = watcher.lock(|watcher| watcher.report());
-        let time = link.lock(|link| link.cycle_began());
+        let (time, believed) = link.lock(|link| (link.cycle_began(), link.is_time_believed()));
         let sender = cx.local.sender;
         let mut news = cx.shared.news;
         news.lock(|news| session::change(sender, news));
         let data = message(&sighting, sender, time);
-        let data = session::can_seal(sender).then_some(data);
+        let data = (believed && session::can_seal(sender)).then_some(data);
         link.lock(|link| link.replace(window::ROW_OFFSET, data));
     }
 

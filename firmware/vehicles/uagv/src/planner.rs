@@ -16,7 +16,7 @@ use crate::peers::Peers;
 pub fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     link: &mut Link<P, T, WINDOWS, NODES>,
 ) -> Option<Frame> {
-    link.take(window::PLANNER_COMMAND)
+    link.take_believed(window::PLANNER_COMMAND)
 }
 
 /// Gives the pilot the secret of the session, by which it knows true frames.
