@@ -1,6 +1,7 @@
 //! What the images of bus guardians share: what goes from task to task, and what they tell on the console and in the
 //! log of a debug probe.
 
+use sled_common::clock::Oscillator;
 use ttcan::guardian::{Evidence, GuardianState, Judge, News, Trip};
 use ttcan::{Frame, Stamp};
 
@@ -18,18 +19,27 @@ pub struct Taken<const NODES: usize> {
     pub evidence: Evidence<NODES>,
 }
 
-/// The lower half, and whether it has ruled since the last step of `report`.
+/// Whether a guardian on this oscillator may close gates. A node's windows would pass by on an RC oscillator, which is up to
+/// 5 % off, so without its crystal a guardian leaves them open, and tells it.
+#[must_use]
+pub fn guards(oscillator: Oscillator) -> bool {
+    oscillator == Oscillator::External
+}
+
+/// The lower half, whether its gates are ever closed, and whether it has ruled since the last step of `report`.
 pub struct Lower<const NODES: usize> {
     /// The lower half.
     pub judge: Judge<'static, NODES>,
+    guards: bool,
     ruled: bool,
 }
 
 impl<const NODES: usize> Lower<NODES> {
     /// A lower half that has not ruled yet.
-    pub const fn new(judge: Judge<'static, NODES>) -> Self {
+    pub const fn new(judge: Judge<'static, NODES>, guards: bool) -> Self {
         Self {
             judge,
+            guards,
             ruled: false,
         }
     }
@@ -43,6 +53,11 @@ impl<const NODES: usize> Lower<NODES> {
     pub fn rule(&mut self, news: &News<NODES>, now: Stamp) {
         self.ruled = true;
         self.judge.rule(news, now);
+    }
+
+    /// What it knows of the time of the network; `None` if its gates stay open.
+    pub fn known(&self) -> Option<GuardianState> {
+        self.guards.then(|| self.judge.state())
     }
 
     /// Whether it has ruled since the last call, and what it knows of the time of the network.
@@ -63,7 +78,7 @@ pub struct Cut {
     pub count: u16,
     /// Why.
     pub reason: Trip,
-    /// When the guardian noticed it for its lines, ms since it started.
+    /// When it is told, ms since the guardian started: up to half a second behind the cut.
     pub at_ms: u32,
 }
 
@@ -115,6 +130,9 @@ impl<const NODES: usize> Told<NODES> {
 pub struct Teller<const NODES: usize> {
     told: Told<NODES>,
     steps: u32,
+    /// Time since the first step, ms, and what is left of it, us.
+    at_ms: u32,
+    rest_us: u32,
 }
 
 #[cfg(feature = "target")]
@@ -127,26 +145,33 @@ impl<const NODES: usize> Teller<NODES> {
         Self {
             told: Told::new(),
             steps: 0,
+            at_ms: 0,
+            rest_us: 0,
         }
     }
 
-    /// What there is to tell, every `every_ms` milliseconds; often nothing. One node in each step, so that a step is short.
+    /// What there is to tell, every `every_us` microseconds; often nothing. One node in each step, so that a step is short.
     pub fn step(
         &mut self,
         mut lower: impl Mutex<T = Lower<NODES>>,
         names: &[&str; NODES],
-        every_ms: u32,
+        every_us: u32,
     ) -> Line {
         self.steps = self.steps.wrapping_add(1);
+        self.at_ms = self.at_ms.wrapping_add(every_us / 1000);
+        self.rest_us = self.rest_us.wrapping_add(every_us % 1000);
+        if self.rest_us >= 1000 {
+            self.rest_us = self.rest_us.wrapping_sub(1000);
+            self.at_ms = self.at_ms.wrapping_add(1);
+        }
         let mut line = Line::new();
         if self.steps.is_multiple_of(Self::STATE_EVERY) {
-            let known = lower.lock(|lower| lower.judge.state());
+            let known = lower.lock(|lower| lower.known());
             state(&mut line, known, names, self.told.counts());
         } else {
             let node = self.steps as usize % NODES;
             let trips = lower.lock(|lower| lower.judge.trips(node));
-            let at_ms = self.steps.wrapping_mul(every_ms);
-            if let Some(news) = self.told.news(node, trips, at_ms)
+            if let Some(news) = self.told.news(node, trips, self.at_ms)
                 && let Some(name) = names.get(node)
             {
                 news.log();
@@ -184,19 +209,20 @@ pub fn cut(line: &mut Line, name: &str, cut: Cut) {
         .str(" s\r\n");
 }
 
-/// The line of each second: what the guardian knows of the time of the network, and how often each node
-/// was cut.
+/// The line of each second: what the guardian knows of the time of the network, or that its gates stay open without a
+/// crystal (`None`), and how often each node was cut.
 pub fn state<const NODES: usize>(
     line: &mut Line,
-    state: GuardianState,
+    state: Option<GuardianState>,
     names: &[&str; NODES],
     counts: &[u16; NODES],
 ) {
     line.str("guardian ");
     line.str(match state {
-        GuardianState::Unsynchronised => "off",
-        GuardianState::Synchronising => "sync",
-        GuardianState::InSchedule => "run",
+        None => "open",
+        Some(GuardianState::Unsynchronised) => "off",
+        Some(GuardianState::Synchronising) => "sync",
+        Some(GuardianState::InSchedule) => "run",
     });
     line.str(" cuts");
     for (name, count) in names.iter().zip(counts) {
@@ -237,7 +263,12 @@ mod tests {
     fn the_longest_line_of_four_nodes_fits() {
         let names = ["gps", "controller", "steering", "drive"];
         let mut line = Line::new();
-        state(&mut line, GuardianState::Synchronising, &names, &[65535; 4]);
+        state(
+            &mut line,
+            Some(GuardianState::Synchronising),
+            &names,
+            &[65535; 4],
+        );
         assert_eq!(
             text(&line),
             "guardian sync cuts gps 65535 controller 65535 steering 65535 drive 65535\r\n"

@@ -24,6 +24,8 @@ pub trait Line {
 pub struct Sentry<L> {
     watch: Watch<1>,
     line: L,
+    /// Whether the gate is ever closed.
+    guards: bool,
     /// How long a line is recessive that has ended its spell, in ticks.
     quiet: u32,
     /// Half a bit.
@@ -41,11 +43,12 @@ pub struct Sentry<L> {
 const QUIET_HALF_BITS: u32 = 11;
 
 impl<L: Line> Sentry<L> {
-    /// The upper half at rest, with an open gate. A bit has `bit` ticks.
-    pub const fn new(watch: Watch<1>, line: L, bit: u32) -> Self {
+    /// The upper half at rest, with an open gate, which stays so unless it `guards`. A bit has `bit` ticks.
+    pub const fn new(watch: Watch<1>, line: L, bit: u32, guards: bool) -> Self {
         Self {
             watch,
             line,
+            guards,
             quiet: bit.saturating_mul(QUIET_HALF_BITS).div_ceil(2),
             skew: bit / 2,
             fell: false,
@@ -94,7 +97,7 @@ impl<L: Line> Sentry<L> {
 
     fn tell(&mut self, lines: Lines, at: Stamp) {
         let open = self.watch.look(lines, at).is_open(0);
-        self.line.open(open);
+        self.line.open(open | !self.guards);
         self.fell = false;
         if self.watch.is_between_spells() {
             self.released = false;
@@ -132,7 +135,8 @@ impl<L: Line> Sentry<L> {
     /// See [`Watch::obey`].
     pub fn obey(&mut self, orders: Orders) {
         self.watch.obey(orders);
-        self.line.open(self.watch.gates().is_open(0));
+        let open = self.watch.gates().is_open(0);
+        self.line.open(open | !self.guards);
     }
 }
 
@@ -245,7 +249,7 @@ mod tests {
             let guardian = Guardian::new(SCHEDULE.view(), config, [NODE], Stamp(0));
             let (watch, _) = guardian.unwrap().halves();
             Self {
-                sentry: Sentry::new(watch, Wire::default(), BIT),
+                sentry: Sentry::new(watch, Wire::default(), BIT, true),
                 next: phase,
                 late,
                 looks: 0,

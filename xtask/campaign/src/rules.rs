@@ -507,7 +507,8 @@ impl Judge<'_> {
         if speaks || self.sequence.is_lost(node) {
             return None;
         }
-        // A bus guardian has no state of the bus to tell, but whether it follows the time of the network.
+        // A bus guardian has no state of the bus to tell, but whether it follows the time of the network, or leaves its gates
+        // open without a crystal.
         let manifest = self.vehicle.manifest();
         let teller = match manifest.is_guardian(self.vehicle.node(node)) {
             true => "guardian",
@@ -594,7 +595,8 @@ impl Judge<'_> {
 fn unscheduled(console: &str, teller: &str) -> Option<String> {
     let state = |line: &&str| line.split(' ').next() == Some(teller);
     let last = console.lines().rev().find(state);
-    let scheduled = last.is_some_and(|line| line.split(' ').nth(1) == Some("run"));
+    let known = |line: &str| matches!(line.split(' ').nth(1), Some("run" | "open"));
+    let scheduled = last.is_some_and(known);
     (!scheduled).then(|| last.unwrap_or("silent").to_owned())
 }
 

@@ -34,7 +34,7 @@ mod app {
     use firmware::board::watchdog::Watchdog;
     use firmware::board::{self, CanPort};
     use firmware::fault;
-    use firmware::guard::{Lower, Taken, Teller};
+    use firmware::guard::{Lower, Taken, Teller, guards};
     use firmware::sentry::Sentry;
     use ttcan::guardian::{Guardian, GuardianConfig, GuardianState};
     use ttcan::{Micros, Stamp, StampLatency};
@@ -53,10 +53,10 @@ mod app {
     /// Bits of a short spell: 80 us, and no less than two flags take. A frame may have five recessive bits there, the look that
     /// finds the next one comes 22 us later at most, and takes 14 us: it is stopped ahead of its bit 34.
     const SPELL_BITS: u8 = 20;
-    /// Runs of `step` from one `report` to the next, and of `report` from one `tell` to the next: 114 ms.
+    /// Runs of `step` from one `report` to the next, and of `report` from one `tell` to the next: 113.6 ms.
     const STEPS: u8 = 38;
     const REPORTS: u8 = 10;
-    const TELL_MS: u32 = 114;
+    const TELL_US: u32 = STEP.ticks() * STEPS as u32 * REPORTS as u32;
 
     const _: () = assert!(
         guarded::NODES.len() == 1 && board::FACTS.taps.len() == 1,
@@ -105,6 +105,7 @@ mod app {
         let Some(tap) = sled.rest.tap() else {
             fault::stop(Fault::Start)
         };
+        let guards = guards(sled.clocks.oscillator);
         let every = STEP.ticks() * ticks;
         let due = now.wrapping_add(every);
         sled.alarms.set_window(due);
@@ -114,9 +115,9 @@ mod app {
         (
             Shared {
                 clock: sled.clock,
-                sentry: Sentry::new(watch, tap, bit),
+                sentry: Sentry::new(watch, tap, bit, guards),
                 taken: None,
-                lower: Lower::new(judge),
+                lower: Lower::new(judge, guards),
                 console: sled.console,
             },
             Local {
@@ -225,7 +226,7 @@ mod app {
         let line = cx
             .local
             .teller
-            .step(cx.shared.lower, &guarded::NAMES, TELL_MS);
+            .step(cx.shared.lower, &guarded::NAMES, TELL_US);
         if !line.as_bytes().is_empty() {
             let push = |console: &mut Console| console.push(line.as_bytes());
             cx.shared.console.lock(push);
