@@ -69,6 +69,9 @@ pub struct Judge<'s, const P: usize> {
     ended: u32,
     struck: u32,
     certain: u32,
+    /// Senders whose last spell did, and what was told with the last of them.
+    beyond: u32,
+    witnesses: Option<News<P>>,
     freed: u32,
     pardoned: u32,
     old: u32,
@@ -111,6 +114,8 @@ impl<'s, const P: usize> Judge<'s, P> {
             ended: 0,
             struck: 0,
             certain: 0,
+            beyond: 0,
+            witnesses: None,
             freed: 0,
             pardoned: 0,
             old: 0,
@@ -166,50 +171,9 @@ impl<'s, const P: usize> Judge<'s, P> {
             self.permit(news, now);
         }
         if news.marks.struck != 0 {
-            self.strike(news, now);
-        }
-    }
-
-    /// Takes out of the spells that went on beyond all limits those of senders that answered noise: flags into each other's
-    /// delimiters make one long spell, also behind a frame. No sender makes another one drive on with it from its first
-    /// bit, nor beyond that one's own limit. What may be a frame is no witness, or else who sends into each frame of others
-    /// would have one; but of two frames that begin at once, one loses the arbitration.
-    fn strike(&mut self, news: &News<P>, now: Stamp) {
-        let times = &self.plan.times;
-        let marks = &news.marks;
-        let frames = news.framed | marks.charged;
-        let mut shared = 0;
-        // loop-bound: senders=32
-        for (at, spell) in news.spells.iter().enumerate() {
-            let bit = 1u32.wrapping_shl(at as u32);
-            let (mut near, mut earlier) = (0, 0);
-            let (mut as_long, mut beside) = (news.active, news.active);
-            // loop-bound: senders=32
-            for (at, other) in news.spells.iter().enumerate() {
-                let off = spell.began.ticks_since(other.began).unsigned_abs();
-                near |= u32::from(off <= times.together).wrapping_shl(at as u32);
-                earlier |= u32::from(spell.until.reached(other.until)).wrapping_shl(at as u32);
-                let lasts = other.released.reached(spell.until);
-                as_long |= u32::from(lasts).wrapping_shl(at as u32);
-                let overlaps = other.released.reached(spell.began);
-                beside |= u32::from(overlaps).wrapping_shl(at as u32);
-            }
-            let with = near & as_long & (news.recent | news.beyond) & !bit;
-            let one = with & !frames != 0;
-            let two = with & with.wrapping_sub(1) != 0;
-            let before = news.beyond & earlier & beside & !bit != 0;
-            shared |= if one || two || before { bit } else { 0 };
-        }
-        shared &= marks.struck;
-        self.struck |= marks.struck & !shared;
-        // loop-bound: senders=32
-        for (at, sender) in self.senders.iter_mut().enumerate() {
-            if shared.wrapping_shr(at as u32) & 1 != 0 {
-                sender.note(SHARED_STRIKE, &self.plan.times, now);
-            }
-        }
-        if shared != 0 {
-            self.settle();
+            self.struck |= news.marks.struck;
+            self.beyond |= news.marks.struck;
+            self.witnesses = Some(*news);
         }
     }
 
@@ -227,37 +191,91 @@ impl<'s, const P: usize> Judge<'s, P> {
         self.answered &= !charged;
     }
 
+    /// Whether the spell of a sender that went on beyond all limits is that of one that answered noise: flags into each
+    /// other's delimiters make one long spell, also behind a frame. No sender makes another one drive on with it from its
+    /// first bit, nor beyond that one's own limit. What may be a frame is no witness, or else who sends into each frame of
+    /// others would have one; but of two frames that begin at once, one loses the arbitration.
+    fn answers_noise(&self, news: &News<P>, at: usize) -> bool {
+        let Some(spell) = news.spells.get(at) else {
+            return false;
+        };
+        let times = &self.plan.times;
+        let frames = framed(news) | news.marks.charged;
+        let (mut near, mut earlier) = (0, 0);
+        let (mut as_long, mut beside) = (news.active, news.active);
+        // loop-bound: senders=32
+        for (at, other) in news.spells.iter().enumerate() {
+            let off = spell.began.ticks_since(other.began).unsigned_abs();
+            near |= u32::from(off <= times.together).wrapping_shl(at as u32);
+            earlier |= u32::from(spell.until.reached(other.until)).wrapping_shl(at as u32);
+            let lasts = other.released.reached(spell.until);
+            as_long |= u32::from(lasts).wrapping_shl(at as u32);
+            let overlaps = other.released.reached(spell.began);
+            beside |= u32::from(overlaps).wrapping_shl(at as u32);
+        }
+        let others = !1u32.wrapping_shl(at as u32);
+        let with = near & as_long & news.known & others;
+        let one = with & !frames != 0;
+        let two = with & with.wrapping_sub(1) != 0;
+        one || two || self.beyond & earlier & beside & others != 0
+    }
+
     /// Which spells that have begun are short and began at once with another short one, or in the next look: acknowledge
     /// bits, or flags with which senders answer what they have heard at once. Who began alone, and a look ahead of the
-    /// others, may be the one that they answer.
+    /// others, may be the one that they answer. Only the last such instant counts.
     fn shared(&self, news: &News<P>) -> u32 {
         let times = &self.plan.times;
-        let known = news.recent | news.marks.begun;
-        let short = known & !(news.framed | news.marks.charged);
-        let mut shared = 0;
+        let framed = framed(news);
+        let short = news.known & !(framed | news.marks.charged);
+        let begun = short & news.marks.begun;
+        let mut last: Option<Stamp> = None;
+        // loop-bound: senders=32
+        for (at, spell) in news.spells.iter().enumerate() {
+            let is_later = last.is_none_or(|last| spell.began.reached(last));
+            let counts = begun.wrapping_shr(at as u32) & 1 != 0 && is_later;
+            last = if counts { Some(spell.began) } else { last };
+        }
+        let Some(last) = last else {
+            return 0;
+        };
+        let (mut near, mut ahead, mut first) = (0, 0, 0);
+        let (mut busy, mut longest) = (news.active, 0);
         // loop-bound: senders=32
         for (at, spell) in news.spells.iter().enumerate() {
             let bit = 1u32.wrapping_shl(at as u32);
-            let (mut near, mut busy) = (0, news.active);
-            let mut ahead = 0;
-            // loop-bound: senders=32
-            for (other, beside) in news.spells.iter().enumerate() {
-                // It is larger if it is negative, too.
-                let off = spell.began.ticks_since(beside.began).cast_unsigned();
-                near |= u32::from(off <= times.together).wrapping_shl(other as u32);
-                let long = off.cast_signed() > times.together.cast_signed();
-                ahead |= u32::from(long).wrapping_shl(other as u32);
-                let over = beside.released.after(times.spell_gap);
-                busy |= u32::from(over.reached(spell.began)).wrapping_shl(other as u32);
-            }
-            // While one sends a frame, no other frame begins.
-            let is_busy = ahead & busy & known & news.framed & !bit != 0;
-            let with = near & known & !bit;
-            let two = with & with.wrapping_sub(1) != 0;
-            let one = with & short != 0 || with != 0 && is_busy;
-            shared |= if one || two { bit } else { 0 };
+            // It is larger if it is negative, too.
+            let off = last.ticks_since(spell.began).cast_unsigned();
+            let is_near = off <= times.together && news.known & bit != 0;
+            near |= if is_near { bit } else { 0 };
+            first = if !is_near || off < longest {
+                first
+            } else if off == longest {
+                first | bit
+            } else {
+                bit
+            };
+            longest = if is_near { longest.max(off) } else { longest };
+            let long = off.cast_signed() > times.together.cast_signed();
+            ahead |= if long { bit } else { 0 };
+            let over = spell.released.after(times.spell_gap);
+            busy |= if over.reached(last) { bit } else { 0 };
         }
-        shared & news.marks.begun
+        // While one sends a frame, no other frame begins.
+        let is_busy = ahead & busy & news.known & framed != 0;
+        let witnesses = if is_busy { near } else { near & short };
+        let two = witnesses & witnesses.wrapping_sub(1);
+        let three = near & near.wrapping_sub(1);
+        let three = three & three.wrapping_sub(1);
+        let alone = if first & first.wrapping_sub(1) == 0 {
+            first
+        } else {
+            0
+        };
+        if two | three != 0 {
+            near & begun & !alone
+        } else {
+            0
+        }
     }
 
     /// Finds what each spell may be, and counts the short ones that began alone: those that nothing explains, and all.
@@ -300,6 +318,7 @@ impl<'s, const P: usize> Judge<'s, P> {
             Self::ALL
         };
         self.acknowledged &= !news.marks.begun;
+        self.beyond &= !news.marks.begun;
         if cuts != 0 {
             self.settle();
         }
@@ -492,8 +511,17 @@ impl<'s, const P: usize> Judge<'s, P> {
             self.attribute();
         } else if let Some(at) = lowest(&mut self.struck) {
             let certain = take(&mut self.certain, at);
+            let news = self.witnesses.filter(|_| P > 1);
+            let shared = news.is_some_and(|news| self.answers_noise(&news, at));
             if let Some(sender) = self.senders.get_mut(at) {
-                sender.strike(Trip::Misplaced, certain, now, &self.plan.times);
+                if shared {
+                    sender.note(SHARED_STRIKE, &self.plan.times, now);
+                } else {
+                    sender.strike(Trip::Misplaced, certain, now, &self.plan.times);
+                }
+            }
+            if self.struck == 0 {
+                self.witnesses = None;
             }
             self.settle();
         } else if let Some(at) = lowest(&mut self.freed) {
@@ -624,6 +652,9 @@ impl<'s, const P: usize> Judge<'s, P> {
         if let Some(known) = &mut self.plan.known {
             renumber(&mut known.mark);
         }
+        // All is accounted when a state is compared.
+        self.witnesses = None;
+        self.beyond &= recent;
         renumber(&mut self.period);
         renumber(&mut self.wake);
         for (at, sender) in self.senders.iter_mut().enumerate() {
@@ -631,6 +662,17 @@ impl<'s, const P: usize> Judge<'s, P> {
             sender.renumber(now, recent & bit != 0, following & bit != 0);
         }
     }
+}
+
+/// The lines whose last spell began in a slot.
+fn framed<const P: usize>(news: &News<P>) -> u32 {
+    let mut framed = 0;
+    // loop-bound: senders=32
+    for (at, spell) in news.spells.iter().enumerate() {
+        let is_framed = u32::from(spell.window.entry().is_some());
+        framed |= is_framed.wrapping_shl(at as u32);
+    }
+    framed
 }
 
 /// Takes the lowest bit of a mask, and tells which it is.

@@ -215,7 +215,8 @@ impl<'s, const P: usize> Guardian<'s, P> {
         }
     }
 
-    /// Whether looks may wait for the next edge of a line; see [`Watch::is_at_rest`].
+    /// Whether looks may wait for the next edge of a line; see [`Watch::is_at_rest`]. One look in a basic cycle is needed all the
+    /// same, because the lower half has no other call.
     pub const fn is_at_rest(&self) -> bool {
         self.watch.is_at_rest()
     }

@@ -116,12 +116,9 @@ pub(super) struct Spell {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct News<const P: usize> {
     pub(super) spells: [Spell; P],
-    /// Lines in a spell, lines whose last spell went on beyond all limits, those whose last spell is not long past, and of
-    /// those the ones whose last spell began in a slot.
+    /// Lines in a spell, and those of whose last spell something is known.
     pub(super) active: u32,
-    pub(super) beyond: u32,
-    pub(super) recent: u32,
-    pub(super) framed: u32,
+    pub(super) known: u32,
     pub(super) marks: Marks,
 }
 
@@ -465,9 +462,7 @@ impl<const P: usize> Watch<P> {
         News {
             spells: self.spells,
             active: self.active,
-            beyond: self.struck,
-            recent: self.recent,
-            framed: self.framed,
+            known: self.recent | self.struck,
             marks: core::mem::take(&mut self.news),
         }
     }
