@@ -46,7 +46,9 @@
 //! * Between two spells that must be told apart, the line is recessive for 11 bits at least: a flag's
 //!   delimiter of 8, or the end of a frame behind an acknowledge bit, and the intermission of 3. Looks
 //!   find 11 bits less 2 *I* of them, and that is 5.5 as long as *I* is at most 2.75 bits.
-//! * What begins on two lines between two looks has no order. If both are short, both count as pulses.
+//! * What begins on two lines between two looks, or in one and the next, has no order. If both are short, they answer what
+//!   both have heard, and neither counts as a pulse. Who begins alone and a look ahead of the others counts: one bit
+//!   lies between a babbler's flag and the answers, and about every second look falls into it.
 //!
 //! A guardian of one sender can do with three looks a spell: when an edge ends the line's rest, when a limit is reached,
 //! and when the line has been quiet for the 5.5 bits that end a spell, which a timer tells that each edge resets
@@ -76,6 +78,12 @@
 //! always, and cuts a sender only after [`GuardianConfig::strikes`] such spells in a basic cycle.
 //! Counts begin anew after each basic cycle of the guardian's own, so a babbler may use them up
 //! twice.
+//!
+//! Nobody is cut for noise. A pulse in the delimiter of a flag is an error, for which all send another
+//! flag (ISO 11898-1), and such flags make one long spell on each line. So a spell beyond all limits is
+//! explained by another one that began at once with it and lasts as long, or that was beyond its own limit
+//! already. It counts as eight explained pulses, and three times as many of those as of unexplained ones
+//! cut, too. That takes two good lines: with fewer, the guardian cannot tell.
 //!
 //! # When a sender may begin a frame
 //!
@@ -169,7 +177,8 @@ pub struct Guardian<'s, const P: usize> {
 }
 
 impl<'s, const P: usize> Guardian<'s, P> {
-    /// A guardian of these senders, with all gates open and no time. `now` is its counter.
+    /// A guardian of these senders, with all gates open and no time. `now` is its counter. A sender that the schedule has no
+    /// message of may acknowledge and send flags, and nothing else.
     ///
     /// # Errors
     /// See [`GuardianError`].
