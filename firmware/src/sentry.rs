@@ -24,8 +24,8 @@ pub trait Line {
 pub struct Sentry<L> {
     watch: Watch<1>,
     line: L,
-    /// Whether the gate is ever closed.
-    guards: bool,
+    /// Whether the gate is never closed.
+    passes: bool,
     /// How long a line is recessive that has ended its spell, in ticks.
     quiet: u32,
     /// Half a bit.
@@ -48,7 +48,7 @@ impl<L: Line> Sentry<L> {
         Self {
             watch,
             line,
-            guards,
+            passes: !guards,
             quiet: bit.saturating_mul(QUIET_HALF_BITS).div_ceil(2),
             skew: bit / 2,
             fell: false,
@@ -97,7 +97,7 @@ impl<L: Line> Sentry<L> {
 
     fn tell(&mut self, lines: Lines, at: Stamp) {
         let open = self.watch.look(lines, at).is_open(0);
-        self.line.open(open | !self.guards);
+        self.line.open(open | self.passes);
         self.fell = false;
         if self.watch.is_between_spells() {
             self.released = false;
@@ -136,7 +136,7 @@ impl<L: Line> Sentry<L> {
     pub fn obey(&mut self, orders: Orders) {
         self.watch.obey(orders);
         let open = self.watch.gates().is_open(0);
-        self.line.open(open | !self.guards);
+        self.line.open(open | self.passes);
     }
 }
 

@@ -116,7 +116,7 @@ pub(super) struct Spell {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct News<const P: usize> {
     pub(super) spells: [Spell; P],
-    /// Lines in a spell, and those of whose last spell something is known.
+    /// Lines in a spell, and those of whose last spell something is known. A guardian of one sender needs neither.
     pub(super) active: u32,
     pub(super) known: u32,
     pub(super) marks: Marks,
@@ -461,8 +461,8 @@ impl<const P: usize> Watch<P> {
     pub fn news(&mut self) -> News<P> {
         News {
             spells: self.spells,
-            active: self.active,
-            known: self.recent | self.struck,
+            active: if P == 1 { 0 } else { self.active },
+            known: if P == 1 { 0 } else { self.recent | self.struck },
             marks: core::mem::take(&mut self.news),
         }
     }
