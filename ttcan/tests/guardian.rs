@@ -605,6 +605,19 @@ fn message(id: u16, len: u8) -> Frame {
     Frame::from_parts(Id::standard(id).expect("small"), len, [0xA5; 8])
 }
 
+/// An owner that edges wake may leave its looks out for longer than the counter tells. The last reference cannot lie ahead.
+#[test]
+fn a_guardian_that_was_not_asked_for_long_has_lost_the_time() {
+    for seconds in [1, 60, 118, 119, 120, 150, 200, 235] {
+        let mut rig = Rig::new([GPS, STEERING]);
+        rig.synchronise(20_000);
+        let now = rig.stamp().after(seconds * 1_000_000 * TICKS_PER_US);
+        rig.look(now);
+        let state = rig.guardian.state();
+        assert_eq!(state, GuardianState::Unsynchronised, "after {seconds} s");
+    }
+}
+
 /// Bits of a short spell. The gate is closed up to two looks later, which are two bits apart.
 const SHORT: u32 = 20;
 
