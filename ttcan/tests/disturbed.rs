@@ -6,6 +6,7 @@ mod controllers;
 mod support;
 
 use controllers::{Controller, State, number};
+use support::Numbers;
 use ttcan::guardian::{Gates, Guardian, GuardianConfig, Judge, Lines, Trip, Watch};
 use ttcan::{
     Event, Frame, Id, MatrixConfig, Micros, NodeId, ReferenceFormat, Stamp, SystemMatrix, Window,
@@ -79,23 +80,6 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     ],
 });
 ttcan::schedule!(static SCHEDULE = MATRIX);
-
-/// A sequence of numbers that look random (splitmix64).
-struct Numbers(u64);
-
-impl Numbers {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ (mixed >> 31)
-    }
-
-    fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
-}
 
 /// A guardian at once, or its halves with the lower one every 249 us.
 enum Kind {

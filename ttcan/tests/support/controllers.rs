@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use ttcan::Frame;
 
-use super::support::bits_of;
+use super::support::{bits_of, crc};
 
 /// Where a controller is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,11 +240,7 @@ impl Controller {
 
     /// Whether the CRC of the received bits is right: then the remainder of all of them is 0.
     fn is_whole(&self) -> bool {
-        let remainder = self.bits.iter().fold(0u32, |crc, bit| {
-            let feedback = (crc >> 14 & 1 == 1) != *bit;
-            (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 }
-        });
-        remainder == 0
+        crc(&self.bits) == 0
     }
 
     fn end(&mut self, left: u8, bus: bool) {

@@ -1,6 +1,6 @@
 //! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
 
-use super::support::bits_of;
+use super::support::{Numbers, bits_of};
 use ttcan::guardian::{
     Evidence, Gates, Guardian, GuardianConfig, GuardianState, Judge, Lines, Trip, Watch,
 };
@@ -220,7 +220,7 @@ pub(crate) struct Guarded<const P: usize> {
     late: u64,
     /// Events that are still to come, by their time.
     pending: Vec<(u64, Event)>,
-    random: u64,
+    random: Numbers,
     /// From look to look by the timer, how late a look is, and how late a frame is taken, at most.
     pub(crate) period: u64,
     pub(crate) lateness: u64,
@@ -290,7 +290,7 @@ impl<const P: usize> Guarded<P> {
             timer: seed % LOOK,
             late: 0,
             pending: Vec::new(),
-            random: seed.wrapping_mul(77) + 1,
+            random: Numbers(seed.wrapping_mul(77) + 1),
             period: LOOK,
             lateness: LATE,
             taking: FRAME,
@@ -307,14 +307,9 @@ impl<const P: usize> Guarded<P> {
         guarded
     }
 
-    /// A number below `end` (SplitMix64, Steele et al. 2014).
+    /// A number below `end`.
     pub(crate) fn below(&mut self, end: u64) -> u64 {
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut mixed = self.random;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^= mixed >> 31;
-        if end == 0 { 0 } else { mixed % end }
+        self.random.below(end)
     }
 
     /// From now on guardians of one node work in steps.

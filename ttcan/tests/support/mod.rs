@@ -204,6 +204,33 @@ pub(crate) fn assert_in_place(traffic: &[Traffic]) {
     }
 }
 
+/// A sequence of numbers that look random (SplitMix64, Steele et al. 2014).
+pub(crate) struct Numbers(pub(crate) u64);
+
+impl Numbers {
+    pub(crate) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^ (mixed >> 31)
+    }
+
+    /// A number below `end`.
+    pub(crate) fn below(&mut self, end: u64) -> u64 {
+        let number = self.next();
+        if end == 0 { 0 } else { number % end }
+    }
+}
+
+/// The CRC of bits without stuff bits (ISO 11898-1); 0 for bits with their CRC behind them.
+pub(crate) fn crc(bits: &[bool]) -> u32 {
+    bits.iter().fold(0, |crc, bit| {
+        let feedback = (crc >> 14 & 1 == 1) != *bit;
+        (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 }
+    })
+}
+
 /// The bits of a frame from its start to the end of its CRC, stuffed; `false` is dominant.
 pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
     let mut plain = vec![false];
@@ -224,11 +251,7 @@ pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
     for byte in frame.data() {
         put(u32::from(*byte), 8);
     }
-    let mut crc = 0u32;
-    for bit in &plain {
-        let feedback = (crc >> 14 & 1 == 1) != *bit;
-        crc = (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 };
-    }
+    let crc = crc(&plain);
     plain.extend((0..15).rev().map(|bit| crc >> bit & 1 == 1));
     let mut stuffed = Vec::new();
     let (mut last, mut run) = (true, 0);
