@@ -11,12 +11,12 @@ use crate::oscillator::{Tuner, Tuning, measured_cycles};
 use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
 use sled_common::clock::Oscillator;
-#[cfg(feature = "master")]
-use ttcan::GlobalTime;
 use ttcan::{
     Action, ClockState, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, NodeId, QueueError,
     Reception, ScheduleView, Stamp, TransmitOutcome,
 };
+#[cfg(feature = "master")]
+use ttcan::{Fault, GlobalTime, MasterState};
 
 use crate::console::BusView;
 use crate::e2e::{Answer, Open, Proof, Secret, TimeProof, time_of};
@@ -284,6 +284,12 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     /// The system time that this node went on from when it started, ms.
     #[cfg(feature = "master")]
     resumed: Option<u32>,
+    /// Proof of the time that another master tells which does not follow this one, while that counts.
+    #[cfg(feature = "master")]
+    rival: Option<TimeProof>,
+    /// Basic cycles of this master for which it still does.
+    #[cfg(feature = "master")]
+    young: u32,
     troubled_since: Option<u32>,
     pause: u32,
     ticks_per_us: u32,
@@ -369,6 +375,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             wanted: 0,
             #[cfg(feature = "master")]
             resumed: None,
+            #[cfg(feature = "master")]
+            rival: None,
+            #[cfg(feature = "master")]
+            young: 0,
             troubled_since: None,
             counters: Counters::default(),
         })
@@ -451,10 +461,44 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
                     keep(&frame);
                 }
             }
+            #[cfg(feature = "master")]
+            Reception::Fault(Fault::UntimelyReference) => self.weigh(&frame, Stamp(stamp)),
             Reception::Fault(_) => {}
         }
         self.arm();
         news
+    }
+
+    /// Weighs the reference of a master that does not follow this one, which leads the bus.
+    ///
+    /// A master that comes back may lead before it has the time of the bus: one reference is too little for
+    /// that, and at the second one both may have waited for the end of a frame. It then tells an earlier time
+    /// than the one that was proven to all others. They ignore it, and two masters would go on for ever. So the
+    /// one that came back takes over a later time that the other one's references prove. The longer it has led,
+    /// the less this can be the case: then only references that were recorded in another run tell such a time.
+    #[cfg(feature = "master")]
+    #[cold]
+    #[inline(never)]
+    fn weigh(&mut self, reference: &Frame, end: Stamp) {
+        if self.node.status().master != MasterState::Current {
+            return;
+        }
+        let Some(rival) = &mut self.rival else {
+            return;
+        };
+        rival.begin(reference);
+        if rival.proof() != Proof::Proven {
+            return;
+        }
+        let time = time_of(reference);
+        let ahead = time.wrapping_sub(self.cycle_time).cast_signed();
+        if ahead > self.time.interval().cast_signed() {
+            self.time.go_on(rival);
+            // The time is rounded down to 1 ms, and the frame took most of another one.
+            self.set_time(end, time.wrapping_add(1));
+            self.set_payload();
+        }
+        self.rival = None;
     }
 
     /// Takes a frame while the node only listens. Not inlined, so that it takes no registers of
@@ -499,10 +543,21 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             if let (Some(rank), Some(frame)) = (self.node.status().master_rank, self.offered) {
                 self.begin_cycle(rank, &frame);
             }
+            #[cfg(feature = "master")]
+            self.grow_older();
             self.reference_byte = 0;
             self.node.set_drift_limit(self.drift_limit());
         }
         begun
+    }
+
+    /// Counts a basic cycle that this master has begun.
+    #[cfg(feature = "master")]
+    fn grow_older(&mut self) {
+        self.young = self.young.saturating_sub(1);
+        if self.young == 0 {
+            self.rival = None;
+        }
     }
 
     /// Notes that this reference, of the master of this rank, began a basic cycle.
@@ -774,6 +829,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// is that of the node. Call this before [`Link::start`].
     pub fn prove_time(&mut self, secret: Secret, free: u8) {
         self.time = TimeProof::new(secret, free, self.schedule.basic_cycle());
+        #[cfg(feature = "master")]
+        if self.time.mask() != 0 {
+            self.rival = Some(self.time);
+            // Some of them are lost, and each wrong tag takes three right ones.
+            self.young = self.time.cycles().saturating_mul(4);
+        }
     }
 
     /// Clears error level S2 after a pause. S2 stops all transmissions except the reference
@@ -1056,13 +1117,21 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
     }
 
     fn open(&self) -> Option<Open> {
-        self.time.open()
+        let open = self.time.open();
+        #[cfg(feature = "master")]
+        let open = open.or_else(|| self.rival.as_ref()?.open());
+        open
     }
 
     fn close(&mut self, answer: Answer) {
         self.time.close(answer);
         #[cfg(feature = "master")]
-        self.set_payload();
+        {
+            if let Some(rival) = &mut self.rival {
+                rival.close(answer);
+            }
+            self.set_payload();
+        }
     }
 }
 
@@ -1176,26 +1245,32 @@ mod tests {
     /// Place of the steering's window in the matrix.
     const STEERING_POT: usize = 0;
 
-    const MATRIX: SystemMatrix<'static> = SystemMatrix::constant(MatrixConfig {
-        bit_rate: 250_000,
-        basic_cycle: Micros::millis(100),
-        cycles: 1,
-        reference: Id::constant::<100>(),
-        reference_format: ReferenceFormat::new(1, Some(1), 5, Some(6)),
-        masters: &[MASTER],
-        transmit_enable_bits: 16,
-        sync_uncertainty: Micros::micros(20),
-        longest_gap: Micros::micros(0),
-        windows: &[Window::exclusive(
-            "steering_pot",
-            Micros::millis(6),
-            Micros::millis(1),
-            Id::constant::<206>(),
-            2,
-            STEERING,
-        )],
-        events: &[],
-    });
+    const MATRIX: SystemMatrix<'static> = matrix(&[MASTER]);
+
+    const fn matrix(masters: &'static [NodeId]) -> SystemMatrix<'static> {
+        SystemMatrix::constant(MatrixConfig {
+            bit_rate: 250_000,
+            basic_cycle: Micros::millis(100),
+            cycles: 1,
+            reference: Id::constant::<100>(),
+            reference_format: ReferenceFormat::new(1, Some(1), 5, Some(6)),
+            masters,
+            transmit_enable_bits: 16,
+            sync_uncertainty: Micros::micros(20),
+            longest_gap: Micros::micros(0),
+            windows: const {
+                &[Window::exclusive(
+                    "steering_pot",
+                    Micros::millis(6),
+                    Micros::millis(1),
+                    Id::constant::<206>(),
+                    2,
+                    STEERING,
+                )]
+            },
+            events: &[],
+        })
+    }
 
     ttcan::schedule!(
         /// Two nodes: the master, and the steering, which sends one message.
@@ -1331,6 +1406,156 @@ mod tests {
         for time in [5100, 5200] {
             assert!(reference(&mut link, 1, time).reference, "{time}");
             pass(&mut link, 100_000);
+        }
+    }
+
+    /// Two masters, and one that has come back and leads without having heard the other.
+    #[cfg(feature = "master")]
+    mod rivals {
+        use super::*;
+        use crate::e2e::Key;
+
+        ttcan::schedule!(
+            /// The same with the steering as the backup master.
+            static RIVALS = matrix(&[MASTER, STEERING])
+        );
+
+        const SECRET: Secret = Secret::Key(Key::new([7; 16]));
+        const FREE: u8 = 0xFC;
+        /// As many as have 30 bits together.
+        const NEEDED: u32 = 5;
+
+        /// The master that came back, which goes on from the time `before`, and the first cycle that it leads.
+        fn returned(before: u32) -> TestLink {
+            let timer = Timer {
+                now: BEGIN,
+                window: None,
+            };
+            let mut link = Link::new(
+                Box::leak(Box::new(None)),
+                RIVALS.view(),
+                NodeConfig::new(MASTER, PER_US),
+                Oscillator::External,
+                Rule::new(BackupMaster::Stop, Micros::millis(100)),
+                Cell::default(),
+                timer,
+            )
+            .expect("a configuration that fits");
+            link.prove_time(SECRET, FREE);
+            link.resume(before);
+            link.start();
+            pass(&mut link, 110_000);
+            assert_eq!(link.node.status().master, MasterState::Current);
+            compute(&mut link);
+            link
+        }
+
+        /// What the housekeeping does.
+        fn compute(link: &mut TestLink) {
+            while let Some(open) = link.open() {
+                link.close(open.answer());
+            }
+        }
+
+        /// The last reference that the link sent.
+        fn own(link: &TestLink) -> Frame {
+            *link.port.loaded.last().expect("a reference")
+        }
+
+        /// The master that led meanwhile.
+        struct Other {
+            proof: TimeProof,
+            time: u32,
+        }
+
+        impl Other {
+            fn at(time: u32) -> Self {
+                let proof = TimeProof::new(SECRET, FREE, Micros::millis(100));
+                Self { proof, time }
+            }
+
+            /// Its reference arrives, with `wrong` bits of its tag; then a basic cycle passes.
+            fn send(&mut self, link: &mut TestLink, wrong: u8) {
+                let [a, b, c, d] = self.time.to_be_bytes();
+                let data = [self.proof.bits() ^ wrong | 1, a, b, c, d, 0, 0, 0];
+                let frame = Frame::new(Id::constant::<101>(), &data).expect("eight bytes");
+                self.proof.begin(&frame);
+                self.compute();
+                link.port.fifo.push_back(Received::Data(frame));
+                assert_eq!(link.on_receive(link.timer.now), News::default());
+                compute(link);
+                pass(link, 100_000);
+                compute(link);
+                self.time += 100;
+            }
+
+            fn compute(&mut self) {
+                if let Some(open) = self.proof.open() {
+                    self.proof.close(open.answer());
+                }
+            }
+        }
+
+        #[test]
+        fn a_master_that_came_back_takes_the_later_time_of_the_other_one() {
+            let mut link = returned(5000);
+            let mut other = Other::at(7000);
+            for _ in 0..NEEDED {
+                other.send(&mut link, 0);
+                assert!(time_of(&own(&link)) < 6500);
+            }
+            other.send(&mut link, 0);
+            // The other one's came 9 ms behind the one before.
+            let since = time_of(&own(&link)) + 100 - other.time;
+            assert!((91..=93).contains(&since), "{since} ms");
+            assert!(link.is_time_believed());
+            // To all others, its references go on where those of the other one ended.
+            for _ in 0..10 {
+                assert_eq!(other.proof.is_past(&own(&link)), false);
+                other.proof.begin(&own(&link));
+                other.compute();
+                pass(&mut link, 100_000);
+                compute(&mut link);
+            }
+            assert_eq!(
+                (other.proof.proof(), other.proof.wrong()),
+                (Proof::Proven, 0)
+            );
+        }
+
+        #[test]
+        fn it_takes_no_time_that_is_not_proven() {
+            let mut link = returned(5000);
+            let mut other = Other::at(7000);
+            for number in 0..60 {
+                other.send(&mut link, if number % 4 == 3 { 4 } else { 0 });
+                assert!(time_of(&own(&link)) < 5400 + 100 * (number + 1));
+            }
+        }
+
+        #[test]
+        fn it_takes_no_earlier_time() {
+            let mut link = returned(5000);
+            let mut other = Other::at(4000);
+            for _ in 0..20 {
+                other.send(&mut link, 0);
+            }
+            assert!(time_of(&own(&link)) > 7000);
+            assert_eq!(link.counters().past, 20);
+        }
+
+        #[test]
+        fn one_that_has_led_for_long_takes_no_time_of_others() {
+            let mut link = returned(5000);
+            for _ in 0..4 * NEEDED {
+                pass(&mut link, 100_000);
+                compute(&mut link);
+            }
+            let mut other = Other::at(20_000);
+            for _ in 0..4 * NEEDED {
+                other.send(&mut link, 0);
+            }
+            assert!(time_of(&own(&link)) < 10_000);
         }
     }
 

@@ -32,11 +32,16 @@
 //! ignores earlier times, so nobody can reset an actuator and play it the commands of this run. A time
 //! master goes on from the kept time.
 //!
+//! The others may have gone on under another master meanwhile, so that they ignore the one that came back. As
+//! long as it has not led for long it listens to that other one, and takes over the later time that its tags
+//! prove.
+//!
 //! A node that has lost its supply has lost the time, too. If that is a master and it begins with an
-//! earlier time, the nodes that remember theirs ignore it until they are switched off. If it is an
-//! actuator, recorded references of this run prove an earlier time to it, and only a
-//! [`Session`](super::Session) lets it refuse their commands. The same holds for commands that an actuator
-//! did not hear because it was held in reset while they were sent.
+//! earlier time, the nodes that remember theirs ignore it: until it has taken over the time of another
+//! master that they follow, or else until they are switched off. If it is an actuator, recorded references
+//! of this run prove an earlier time to it, and only a [`Session`](super::Session) lets it refuse their
+//! commands. The same holds for commands that an actuator did not hear because it was held in reset while
+//! they were sent.
 
 use ttcan::{Frame, Micros};
 
@@ -188,6 +193,14 @@ impl TimeProof {
         }
     }
 
+    /// Goes on with the time that the references of another master have proven.
+    #[cfg(feature = "master")]
+    pub const fn go_on(&mut self, other: &Self) {
+        let wrong = self.wrong.wrapping_add(other.wrong);
+        *self = *other;
+        self.wrong = wrong;
+    }
+
     /// Right tags that prove the time.
     pub const fn needed(&self) -> u8 {
         self.needed
@@ -241,6 +254,16 @@ impl TimeProof {
             self.cycle
         } else {
             SHORT
+        }
+    }
+
+    /// Basic cycles in which the time is proven if every tag is right.
+    #[cfg(feature = "master")]
+    pub const fn cycles(&self) -> u32 {
+        let tags = self.interval().saturating_mul(self.needed as u32);
+        match self.cycle {
+            0 => tags,
+            cycle => tags.div_ceil(cycle),
         }
     }
 

@@ -315,10 +315,17 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// Makes this node's reference due again at `now` if it lost arbitration and no
     /// reference was received since.
+    ///
+    /// All masters have waited for the same frame and would begin together. So one without the time waits
+    /// until a reference of another one would have been received.
     pub(super) fn repeat_lost_reference(&mut self, now: Stamp) {
         if let Progress::Lost(requested) = self.master.attempt.progress {
             self.master.attempt.progress = Progress::Repeated(requested);
-            self.agenda.reference = Some(now);
+            self.agenda.reference = Some(if self.must_wait_for_time() {
+                now.after(self.clock.ticks(self.setup.network().reference_length))
+            } else {
+                now
+            });
         }
     }
 
