@@ -33,10 +33,13 @@ fn run(folder: &Path, seconds: &str) -> Child {
         .unwrap()
 }
 
-fn wait_for(link: &Path) {
+/// Waits until the bus is there. Before, the run may have to build the images.
+fn wait_for(link: &Path, run: &mut Child) {
     let begin = Instant::now();
+    // Of a killed run the old link is there at first, but leads nowhere.
     while !link.exists() {
-        assert!(begin.elapsed() < Duration::from_secs(120), "no link");
+        assert_eq!(run.try_wait().unwrap(), None, "the run has ended");
+        assert!(begin.elapsed() < Duration::from_secs(900), "no link");
         thread::sleep(Duration::from_millis(20));
     }
 }
@@ -45,8 +48,8 @@ fn wait_for(link: &Path) {
 fn another_program_hears_the_bus_and_sends() {
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("bus");
-    let run = run(folder.path(), "10");
-    wait_for(&link);
+    let mut run = run(folder.path(), "10");
+    wait_for(&link, &mut run);
     let port = serial2::SerialPort::open(&link, 115_200).unwrap();
     let mut adapter = Slcan::open(Port::new(port), "bus", 250_000).unwrap();
     let mut heard: BTreeMap<u16, usize> = BTreeMap::new();
@@ -100,16 +103,7 @@ fn a_link_is_left_by_nobody() {
     let link = folder.path().join("bus");
     for (signal, left) in [("INT", false), ("KILL", true), ("TERM", false)] {
         let mut run = run(folder.path(), "60");
-        let begin = Instant::now();
-        // Of a killed run the old link is there at first.
-        while !link.exists() {
-            assert_eq!(run.try_wait().unwrap(), None, "{signal}");
-            assert!(
-                begin.elapsed() < Duration::from_secs(60),
-                "{signal}: no link"
-            );
-            thread::sleep(Duration::from_millis(20));
-        }
+        wait_for(&link, &mut run);
         let pid = run.id().to_string();
         let kill = Command::new("kill").args(["-s", signal, &pid]).status();
         assert!(kill.unwrap().success());
@@ -126,7 +120,7 @@ fn a_file_in_place_of_the_link_stays() {
     for signal in ["INT", ""] {
         let _ = fs::remove_file(&link);
         let mut run = run(folder.path(), if signal.is_empty() { "1" } else { "60" });
-        wait_for(&link);
+        wait_for(&link, &mut run);
         fs::remove_file(&link).unwrap();
         fs::write(&link, "mine").unwrap();
         if !signal.is_empty() {
@@ -151,8 +145,8 @@ fn python_can_hears_the_bus() {
         return;
     }
     let link = folder.path().join("bus");
-    let run = run(folder.path(), "12");
-    wait_for(&link);
+    let mut run = run(folder.path(), "12");
+    wait_for(&link, &mut run);
     let script = "\
 import can, sys
 bus = can.Bus(interface='slcan', channel=sys.argv[1], bitrate=250000)

@@ -669,7 +669,7 @@ fn an_adapter_that_refuses_is_named() {
     );
 }
 
-/// An adapter with one answer to the bit rate, and none to anything else. Its time stands still.
+/// An adapter with one answer to each bit rate, and none to anything else. Its time stands still.
 struct Deaf(Vec<u8>, Vec<u8>);
 
 impl Deaf {
@@ -685,7 +685,7 @@ impl Line for Deaf {
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         if bytes == b"S5\r" {
-            self.1 = std::mem::take(&mut self.0);
+            self.1.clone_from(&self.0);
         }
         Ok(())
     }

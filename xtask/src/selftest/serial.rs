@@ -17,6 +17,10 @@ use super::transport::{Error, Received, Transport};
 /// How long an adapter has for its answer to a command. Some never answer.
 const ANSWER: Duration = Duration::from_millis(200);
 
+/// How often an adapter is asked to open its channel. No answer says what it answers: one that comes too late is
+/// taken for that of a later command, and the first ones may be refusals.
+const TRIES: u32 = 3;
+
 /// Turns time stamps on and off. Not every adapter knows it, and it has to come before the channel is open.
 const STAMPS_ON: &str = "Z1\r";
 const STAMPS_OFF: &str = "Z0\r";
@@ -212,23 +216,16 @@ impl<L: Line> Slcan<L> {
             speaks: true,
             unreadable: 0,
         };
-        // The end of any line that a former program has begun. A closed channel refuses to be
-        // closed; whatever the adapter says to these does not matter.
-        adapter.write("\r")?;
-        adapter.write(slcan::CLOSE)?;
-        let end = adapter.line.now() + ANSWER;
-        while adapter.listen(end)?.is_some() {}
-        adapter.frames.clear();
-        adapter.speaks = false;
-        adapter.command(&rate, "the bit rate")?;
-        if adapter.stamps.is_some() {
-            match adapter.command(STAMPS_ON, "time stamps") {
-                // Then the time counts at which a frame is read.
-                Ok(()) | Err(Error::Refused { .. }) => {}
-                Err(error) => return Err(error),
+        let mut quiet = ANSWER;
+        for left in (0..TRIES).rev() {
+            match adapter.ask(&rate, quiet) {
+                Err(Error::Refused { .. }) if left > 0 => quiet *= 2,
+                result => {
+                    result?;
+                    break;
+                }
             }
         }
-        adapter.command(slcan::OPEN, "to open the channel")?;
         if adapter.stamps.is_some() {
             // A frame that has waited since another program had the port is stamped with another time.
             adapter.frames.clear();
@@ -236,6 +233,27 @@ impl<L: Line> Slcan<L> {
         }
         adapter.unreadable = 0;
         Ok(adapter)
+    }
+
+    /// Closes the channel, waits that long for what the adapter has still to say, and opens it.
+    fn ask(&mut self, rate: &str, quiet: Duration) -> Result<(), Error> {
+        // The end of any line that a former program has begun. A closed channel refuses to be
+        // closed; whatever the adapter says to these does not matter.
+        self.write("\r")?;
+        self.write(slcan::CLOSE)?;
+        let end = self.line.now() + quiet;
+        while self.listen(end)?.is_some() {}
+        self.frames.clear();
+        self.speaks = false;
+        self.command(rate, "the bit rate")?;
+        if self.stamps.is_some() {
+            match self.command(STAMPS_ON, "time stamps") {
+                // Then the time counts at which a frame is read.
+                Ok(()) | Err(Error::Refused { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        self.command(slcan::OPEN, "to open the channel")
     }
 
     /// Whether an answer or a frame has come since the channel was closed. Some adapters acknowledge
@@ -503,6 +521,66 @@ mod tests {
         let (times, written) = heard(&[2, 2], true);
         assert_eq!(times, [1002, 1102]);
         assert!(written.contains("Z1"), "{written:?}");
+    }
+
+    /// An adapter that is busy at first, and then answers all that it was told.
+    struct Late {
+        now: Duration,
+        until: Duration,
+        adapter: slcan::Adapter,
+        told: VecDeque<u8>,
+    }
+
+    impl Line for Late {
+        fn now(&self) -> Duration {
+            self.now
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.told.extend(bytes);
+            Ok(())
+        }
+
+        fn read(&mut self, bytes: &mut [u8], until: Duration) -> io::Result<usize> {
+            if until >= self.until {
+                self.now = self.now.max(self.until);
+                while let Some(byte) = self.told.pop_front() {
+                    let answer = self.adapter.take(byte).answer;
+                    if !answer.is_empty() {
+                        bytes[..answer.len()].copy_from_slice(answer.as_bytes());
+                        return Ok(answer.len());
+                    }
+                }
+            }
+            self.now = self.now.max(until);
+            Ok(0)
+        }
+    }
+
+    #[test]
+    fn late_answers_are_no_refusals() {
+        for millis in (0..2000).step_by(10) {
+            for with_stamps in [false, true] {
+                let line = Late {
+                    now: Duration::ZERO,
+                    until: Duration::from_millis(millis),
+                    adapter: slcan::Adapter::new(),
+                    told: VecDeque::new(),
+                };
+                let opened = if with_stamps {
+                    Slcan::open_stamped(line, "port", 250_000)
+                } else {
+                    Slcan::open(line, "port", 250_000)
+                };
+                let mut opened = opened.unwrap_or_else(|error| panic!("{millis} ms: {error}"));
+                opened.line.until = Duration::ZERO;
+                let end = opened.now() + ANSWER;
+                while opened.listen(end).unwrap().is_some() {}
+                let frame = Frame::standard(0x12C, &[1]).unwrap();
+                let line = opened.line.adapter.received(&frame, 0);
+                assert!(line.is_some(), "{millis} ms: closed");
+            }
+        }
     }
 
     #[test]

@@ -102,6 +102,11 @@ pub enum Error {
 
 /// A way to other programs.
 trait Bridge {
+    /// Shows other programs the way: from now on the bus answers.
+    fn begin(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// Gives them a frame that was on the bus, which ended at this millisecond.
     fn give(&mut self, frame: &Frame, millis: u64) -> Result<(), Error>;
 
@@ -255,11 +260,16 @@ impl Live {
         })
     }
 
-    /// Says on the standard error where the bus is, from now on.
-    pub(crate) fn announce(&self) {
-        if self.bridge.is_some() {
+    /// Lets other programs find the bus, and says on the standard error where it is, from now on.
+    ///
+    /// # Errors
+    /// Somebody has put something in the place of the link.
+    pub(crate) fn announce(&mut self) -> Result<(), Error> {
+        if let Some(bridge) = &mut self.bridge {
+            bridge.begin()?;
             eprintln!("The virtual bus is at {}.", self.name);
         }
+        Ok(())
     }
 
     /// How far the simulation has fallen behind, the first time that it has. Where the run is shown the pace is,

@@ -637,7 +637,7 @@ fn finish<'s>(
     let start = Instant::now();
     let mut recorder = Recorder::new(&mut twin, images, record_tasks);
     if let Some(live) = &mut live {
-        live.announce();
+        live.announce().map_err(Error::from)?;
         live.show(Subject::new(vehicle, scenario, seed, end))
             .map_err(Error::from)?;
     }

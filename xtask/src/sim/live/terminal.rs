@@ -25,6 +25,8 @@ pub(super) struct Terminal {
     end: File,
     /// The program's end, kept open so that programs may come and go.
     _other: File,
+    /// What the link leads to.
+    target: PathBuf,
     name: String,
     link: Option<PathBuf>,
     frames: VecDeque<Frame>,
@@ -36,27 +38,24 @@ pub(super) struct Terminal {
 const WAITING: usize = 1 << 16;
 
 impl Terminal {
-    /// Makes a pseudo-terminal, and a link to it if one is wanted.
+    /// Makes a pseudo-terminal. Of the link to it, if one is wanted, this only finds out whether it can be made.
     pub(super) fn open(link: Option<&Path>) -> Result<Self, Error> {
         // Before there is a new terminal, which may get the name of the old one.
         if let Some(link) = link {
             remove_dead(link);
         }
         let (end, other, path) = pair().map_err(Error::Terminal)?;
+        let target = way(&other, &path);
         if let Some(link) = link {
-            let target = way(&other, &path);
-            let linked = symlink(&target, link);
-            linked.map_err(|error| Error::Link {
-                link: link.into(),
-                error,
-            })?;
-            interrupt::remove_when_interrupted(link, &target);
+            make_link(&target, link)?;
+            interrupt::remove_link(link);
         }
         let name = link.map_or_else(|| path.clone(), |link| link.display().to_string());
         Ok(Self {
             adapter: Adapter::new(),
             end,
             _other: other,
+            target,
             name,
             link: link.map(Path::to_owned),
             frames: VecDeque::new(),
@@ -83,6 +82,17 @@ impl Terminal {
             Err(error) => Err(Error::Terminal(error)),
         }
     }
+}
+
+/// Makes a link that an end of the run removes.
+fn make_link(target: &Path, link: &Path) -> Result<(), Error> {
+    let linked = symlink(target, link);
+    linked.map_err(|error| Error::Link {
+        link: link.into(),
+        error,
+    })?;
+    interrupt::remove_when_interrupted(link, target);
+    Ok(())
 }
 
 /// What a link leads to: on Linux the terminal by way of this process, so that the link of a killed run
@@ -118,6 +128,13 @@ fn pair() -> io::Result<(File, File, String)> {
 }
 
 impl Bridge for Terminal {
+    fn begin(&mut self) -> Result<(), Error> {
+        match &self.link {
+            Some(link) => make_link(&self.target, link),
+            None => Ok(()),
+        }
+    }
+
     fn give(&mut self, frame: &Frame, millis: u64) -> Result<(), Error> {
         match self.adapter.received(frame, millis) {
             Some(line) => self.write(&line),
@@ -146,5 +163,40 @@ impl Drop for Terminal {
         if let Some(link) = &self.link {
             interrupt::remove_link(link);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Until the images are built nobody would be answered.
+    #[test]
+    fn the_link_is_there_while_the_bus_answers() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("bus");
+        let mut terminal = Terminal::open(Some(&link)).unwrap();
+        assert!(!link.is_symlink());
+        assert!(matches!(terminal.take(), Ok(None)));
+        terminal.begin().unwrap();
+        assert!(link.exists());
+        // Another run is told at once that the place is taken.
+        assert!(matches!(
+            Terminal::open(Some(&link)),
+            Err(Error::Link { .. })
+        ));
+        drop(terminal);
+        assert!(!link.is_symlink());
+    }
+
+    #[test]
+    fn a_place_that_was_taken_meanwhile_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("bus");
+        let mut terminal = Terminal::open(Some(&link)).unwrap();
+        fs::write(&link, "mine").unwrap();
+        assert!(matches!(terminal.begin(), Err(Error::Link { .. })));
+        drop(terminal);
+        assert_eq!(fs::read_to_string(&link).unwrap(), "mine");
     }
 }
