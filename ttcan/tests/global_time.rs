@@ -2,10 +2,11 @@
 
 mod support;
 
+use fugit::ExtU64;
 use proptest::prelude::*;
 use support::{CONTROLLER, GPS, Uagv, UagvBus, at, crystal, is_reference, uagv, vehicle};
 use ttcan::simulation::{Application, Fate, Quiet, SimTime};
-use ttcan::{ClockState, Frame, MasterState, NodeId, SyncState};
+use ttcan::{ClockState, Frame, Id, MasterState, NodeId, SyncState};
 
 /// Changes of a clock's error that corrections never make, in microseconds.
 const STEP: i64 = 300;
@@ -142,6 +143,41 @@ fn a_returning_master_that_must_lead_at_once_announces_its_time() {
     for node in [2, 3] {
         assert!((-100..1600).contains(&steps[node - 2]), "{steps:?} us");
         assert_eq!(bus.node(node).counters().missed_references, 0);
+    }
+}
+
+/// A frame that none of the masters sent is on the bus when the second reference is due that the one which came
+/// back could hear. If it ended within the 64 us for which a reference waits for the bus, both would begin behind it.
+#[test]
+fn a_returning_master_waits_behind_a_frame_for_the_time() {
+    for early in (0..440_u64).step_by(40) {
+        let mut bus = vehicle(Quiet, early);
+        for node in 0..4 {
+            bus.start(node);
+        }
+        bus.run_until(at(1050));
+        bus.crash(0, uagv(GPS));
+        bus.run_until(at(3030));
+        bus.start(0);
+        while bus.node(0).counters().references == 0 {
+            bus.run_millis(1);
+        }
+        let mut watch = Watch::default();
+        watch.look(&bus);
+        let begun = bus.traffic.iter().rev().find(|sent| is_reference(sent));
+        let due = begun.expect("a reference").start + 100u64.millis();
+        bus.run_until(due - early.micros());
+        let long = Frame::new(Id::standard(0x7F0).expect("11 bits"), &[0; 8]).expect("8 bytes");
+        bus.inject(3, long);
+        watch.run_until(&mut bus, due + 5u64.millis());
+        assert_eq!(current(&bus), [1], "{early} us before");
+        watch.run_until(&mut bus, at(4000));
+        assert_eq!(current(&bus), [0], "{early} us before");
+        assert_eq!(
+            (watch.announced, watch.silent),
+            (0, vec![]),
+            "{early} us before"
+        );
     }
 }
 
