@@ -274,8 +274,9 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     ends: Ends,
     reference_byte: u8,
     cycle_time: u32,
-    /// Proof of the time that references tell.
+    /// Proof of the time that references tell, and the mark of the last one.
     time: TimeProof,
+    begun: Stamp,
     /// The reference that this node sends.
     offered: Option<Frame>,
     /// What the application wants in the first byte of this node's references.
@@ -284,12 +285,17 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     /// The system time that this node went on from when it started, ms.
     #[cfg(feature = "master")]
     resumed: Option<u32>,
-    /// Proof of the time that another master tells which does not follow this one, while that counts.
+    /// Proof of the time that another master tells which does not follow this one, and the end of the last
+    /// reference that was weighed for it.
     #[cfg(feature = "master")]
-    rival: Option<TimeProof>,
-    /// Basic cycles of this master for which it still does.
+    rival: TimeProof,
+    #[cfg(feature = "master")]
+    weighed: Stamp,
+    /// Basic cycles for which this still counts, and whether others follow this master in the current one.
     #[cfg(feature = "master")]
     young: u32,
+    #[cfg(feature = "master")]
+    followed: bool,
     troubled_since: Option<u32>,
     pause: u32,
     ticks_per_us: u32,
@@ -375,10 +381,15 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             wanted: 0,
             #[cfg(feature = "master")]
             resumed: None,
+            begun: Stamp(0),
             #[cfg(feature = "master")]
-            rival: None,
+            rival: TimeProof::new(Secret::None, 0, schedule.basic_cycle()),
+            #[cfg(feature = "master")]
+            weighed: Stamp(0),
             #[cfg(feature = "master")]
             young: 0,
+            #[cfg(feature = "master")]
+            followed: false,
             troubled_since: None,
             counters: Counters::default(),
         })
@@ -450,6 +461,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             Reception::Scheduled { window } | Reception::Late { window } => {
                 if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
                     *slot = Some(frame);
+                    #[cfg(feature = "master")]
+                    {
+                        self.followed = true;
+                    }
                     news.windows |= 1u32.checked_shl(u32::from(window)).unwrap_or(0);
                 }
             }
@@ -474,31 +489,40 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// A master that comes back may lead before it has the time of the bus: one reference is too little for
     /// that, and at the second one both may have waited for the end of a frame. It then tells an earlier time
     /// than the one that was proven to all others. They ignore it, and two masters would go on for ever. So the
-    /// one that came back takes over a later time that the other one's references prove. The longer it has led,
-    /// the less this can be the case: then only references that were recorded in another run tell such a time.
+    /// one that came back takes over a later time that the other one's references prove.
+    ///
+    /// Once others have followed it for some basic cycles this cannot be the case any more. Then only
+    /// references that were recorded in another run tell a later time.
     #[cfg(feature = "master")]
     #[cold]
     #[inline(never)]
     fn weigh(&mut self, reference: &Frame, end: Stamp) {
-        if self.node.status().master != MasterState::Current {
-            return;
-        }
-        let Some(rival) = &mut self.rival else {
-            return;
-        };
-        rival.begin(reference);
-        if rival.proof() != Proof::Proven {
-            return;
-        }
         let time = time_of(reference);
         let ahead = time.wrapping_sub(self.cycle_time).cast_signed();
-        if ahead > self.time.interval().cast_signed() {
-            self.time.go_on(rival);
+        let leads = self.node.status().master == MasterState::Current;
+        if !leads || self.young == 0 || ahead <= self.time.interval().cast_signed() {
+            return;
+        }
+        // Who sends false ones between the true ones only delays the end.
+        self.young = self.youth();
+        let since = self.millis(end.0.wrapping_sub(self.weighed.0));
+        self.weighed = end;
+        self.rival.begin(reference, since);
+        if self.time.go_on(&self.rival) {
+            self.rival = self.rival.anew();
             // The time is rounded down to 1 ms, and the frame took most of another one.
-            self.set_time(end, time.wrapping_add(1));
+            let time = time.wrapping_add(1);
+            self.set_time(end, time);
+            self.resumed = Some(time);
             self.set_payload();
         }
-        self.rival = None;
+    }
+
+    /// Basic cycles that others have to follow this master until it weighs no more: some tags are lost, and each
+    /// wrong one takes three right ones.
+    #[cfg(feature = "master")]
+    fn youth(&self) -> u32 {
+        self.time.cycles().saturating_mul(4)
     }
 
     /// Takes a frame while the node only listens. Not inlined, so that it takes no registers of
@@ -543,30 +567,36 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             if let (Some(rank), Some(frame)) = (self.node.status().master_rank, self.offered) {
                 self.begin_cycle(rank, &frame);
             }
-            #[cfg(feature = "master")]
-            self.grow_older();
             self.reference_byte = 0;
             self.node.set_drift_limit(self.drift_limit());
         }
         begun
     }
 
-    /// Counts a basic cycle that this master has begun.
-    #[cfg(feature = "master")]
-    fn grow_older(&mut self) {
-        self.young = self.young.saturating_sub(1);
-        if self.young == 0 {
-            self.rival = None;
-        }
-    }
-
     /// Notes that this reference, of the master of this rank, began a basic cycle.
     fn begin_cycle(&mut self, rank: u8, reference: &Frame) {
         self.cycle_time = time_of(reference);
-        self.time.begin(reference);
         if let Some(mark) = self.node.reference_mark() {
+            let since = self.millis(mark.0.wrapping_sub(self.begun.0));
+            self.begun = mark;
+            self.time.begin(reference, since);
             self.leader.begin(rank, mark.0);
         }
+        #[cfg(feature = "master")]
+        {
+            let leads = self.rank() == Some(rank);
+            let shared = self.time.proof() == Proof::Proven;
+            if core::mem::take(&mut self.followed) && leads || shared && !leads {
+                self.young = self.young.saturating_sub(1);
+            }
+        }
+    }
+
+    /// `ticks` of the time base in whole milliseconds.
+    fn millis(&self, ticks: u32) -> u32 {
+        ticks
+            .checked_div(self.ticks_per_us.wrapping_mul(1000))
+            .unwrap_or(0)
     }
 
     /// Error interrupt.
@@ -831,9 +861,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.time = TimeProof::new(secret, free, self.schedule.basic_cycle());
         #[cfg(feature = "master")]
         if self.time.mask() != 0 {
-            self.rival = Some(self.time);
-            // Some of them are lost, and each wrong tag takes three right ones.
-            self.young = self.time.cycles().saturating_mul(4);
+            self.rival = self.time;
+            self.young = self.youth();
         }
     }
 
@@ -1119,7 +1148,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
     fn open(&self) -> Option<Open> {
         let open = self.time.open();
         #[cfg(feature = "master")]
-        let open = open.or_else(|| self.rival.as_ref()?.open());
+        let open = open.or_else(|| self.rival.open());
         open
     }
 
@@ -1127,9 +1156,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
         self.time.close(answer);
         #[cfg(feature = "master")]
         {
-            if let Some(rival) = &mut self.rival {
-                rival.close(answer);
-            }
+            self.rival.close(answer);
             self.set_payload();
         }
     }
@@ -1476,15 +1503,19 @@ mod tests {
 
             /// Its reference arrives, with `wrong` bits of its tag; then a basic cycle passes.
             fn send(&mut self, link: &mut TestLink, wrong: u8) {
+                self.send_only(link, wrong);
+                pass(link, 100_000);
+                compute(link);
+            }
+
+            fn send_only(&mut self, link: &mut TestLink, wrong: u8) {
                 let [a, b, c, d] = self.time.to_be_bytes();
                 let data = [self.proof.bits() ^ wrong | 1, a, b, c, d, 0, 0, 0];
                 let frame = Frame::new(Id::constant::<101>(), &data).expect("eight bytes");
-                self.proof.begin(&frame);
+                self.proof.begin(&frame, 100);
                 self.compute();
                 link.port.fifo.push_back(Received::Data(frame));
                 assert_eq!(link.on_receive(link.timer.now), News::default());
-                compute(link);
-                pass(link, 100_000);
                 compute(link);
                 self.time += 100;
             }
@@ -1512,7 +1543,7 @@ mod tests {
             // To all others, its references go on where those of the other one ended.
             for _ in 0..10 {
                 assert_eq!(other.proof.is_past(&own(&link)), false);
-                other.proof.begin(&own(&link));
+                other.proof.begin(&own(&link), 100);
                 other.compute();
                 pass(&mut link, 100_000);
                 compute(&mut link);
@@ -1544,18 +1575,85 @@ mod tests {
             assert_eq!(link.counters().past, 20);
         }
 
+        /// A basic cycle in which the steering sends its message where this master's schedule has it.
+        fn followed(link: &mut TestLink) {
+            let age = link.node.cycle_time(link.now()).expect("it leads");
+            pass(link, 106_400 - age.ticks());
+            let frame = Frame::new(Id::constant::<206>(), &[0; 2]).expect("two bytes");
+            link.port.fifo.push_back(Received::Data(frame));
+            assert_eq!(link.on_receive(link.timer.now).windows, 1);
+            compute(link);
+        }
+
         #[test]
-        fn one_that_has_led_for_long_takes_no_time_of_others() {
+        fn one_that_others_follow_takes_no_time_of_others() {
             let mut link = returned(5000);
-            for _ in 0..4 * NEEDED {
-                pass(&mut link, 100_000);
-                compute(&mut link);
+            for _ in 0..=4 * NEEDED {
+                followed(&mut link);
             }
             let mut other = Other::at(20_000);
             for _ in 0..4 * NEEDED {
                 other.send(&mut link, 0);
             }
             assert!(time_of(&own(&link)) < 10_000);
+        }
+
+        #[test]
+        fn one_that_nobody_follows_takes_a_later_time_at_any_time() {
+            let mut link = returned(5000);
+            for _ in 0..100 {
+                pass(&mut link, 100_000);
+                compute(&mut link);
+            }
+            let mut other = Other::at(50_000);
+            for _ in 0..=NEEDED {
+                other.send(&mut link, 0);
+            }
+            assert!(time_of(&own(&link)) > 50_000);
+        }
+
+        #[test]
+        fn false_references_between_the_true_ones_only_delay_it() {
+            let mut link = returned(5000);
+            let (mut other, mut attacker) = (Other::at(50_000), Other::at(90_000));
+            for _ in 0..100 {
+                attacker.send_only(&mut link, 4);
+                other.send(&mut link, 0);
+            }
+            assert!(time_of(&own(&link)) < 20_000);
+            for _ in 0..NEEDED {
+                other.send(&mut link, 0);
+            }
+            assert!(time_of(&own(&link)) > 60_000);
+        }
+
+        /// Those of this run that were sent while this master was away.
+        #[test]
+        fn recorded_references_do_not_keep_it_from_the_true_time() {
+            let mut link = returned(5000);
+            for time in [5900, 30_000] {
+                let mut other = Other::at(time);
+                for _ in 0..=NEEDED {
+                    other.send(&mut link, 0);
+                }
+                let ahead = time_of(&own(&link)).wrapping_sub(time);
+                assert!((500..700).contains(&ahead), "{ahead} ms");
+            }
+        }
+
+        /// All within a basic cycle.
+        #[test]
+        fn references_that_are_played_too_fast_prove_nothing() {
+            let mut link = returned(5000);
+            for time in [20_000, 40_000] {
+                let mut other = Other::at(time);
+                for _ in 0..9 {
+                    other.send_only(&mut link, 0);
+                    pass(&mut link, 10_000);
+                }
+                pass(&mut link, 10_000);
+                assert!(time_of(&own(&link)) < 6000);
+            }
         }
     }
 

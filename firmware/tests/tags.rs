@@ -61,7 +61,7 @@ fn the_tags_of_references_are_those_of_another_implementation() {
         let frame = Frame::new(id, &bytes[..length]).expect("a frame");
         let secret = Secret::Key(Key::new(self::bytes(key)));
         let mut proof = TimeProof::new(secret, 0xFF, Micros::millis(100));
-        proof.begin(&frame);
+        proof.begin(&frame, 100);
         proof.close(proof.open().expect("a tag is needed").answer());
         assert_eq!(proof.bits().to_string(), expected, "{line}");
         seen += 1;

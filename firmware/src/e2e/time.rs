@@ -18,9 +18,9 @@
 //! # Time does not go back
 //!
 //! References that were recorded prove their time as well as they did then. So a node with a key
-//! ignores every reference of a time before one that it has seen proven. A time that jumps ahead is
-//! not proven until as many right tags have followed it without another jump. So who forges one
-//! reference cannot lock the true ones out. Nothing is sealed or judged meanwhile
+//! ignores every reference of a time before one that it has seen proven. A time that jumps ahead, or runs
+//! faster than the node's clock, is not proven until as many right tags have followed it without another
+//! jump. So who forges one reference cannot lock the true ones out, nor who plays recorded ones between them. Nothing is sealed or judged meanwhile
 //! ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
 //!
 //! Whoever has recorded a later time can lock the true ones out: enough references in a row, of another run
@@ -32,9 +32,10 @@
 //! ignores earlier times, so nobody can reset an actuator and play it the commands of this run. A time
 //! master goes on from the kept time.
 //!
-//! The others may have gone on under another master meanwhile, so that they ignore the one that came back. As
-//! long as it has not led for long it listens to that other one, and takes over the later time that its tags
-//! prove.
+//! The others may have gone on under another master meanwhile, so that they ignore the one that came back.
+//! Until it has led them for some basic cycles it listens to that other one, and takes over the later time
+//! that its tags prove. Whoever has recorded references of a lower-ranked master in another run can lead it to
+//! their time then.
 //!
 //! A node that has lost its supply has lost the time, too. If that is a master and it begins with an
 //! earlier time, the nodes that remember theirs ignore it: until it has taken over the time of another
@@ -68,6 +69,10 @@ pub const fn time_of(reference: &Frame) -> u32 {
     let [_, a, b, c, d, ..] = reference.buffer();
     u32::from_be_bytes([a, b, c, d])
 }
+
+/// A time that runs more than this many times as fast as the node's clock jumps. So recorded references cannot
+/// prove theirs between two true ones.
+const FASTEST: u32 = 2;
 
 /// Takes the place of a message's identifier in the code, so that no tag of a reference is that of a
 /// message: no message has this identifier.
@@ -193,12 +198,36 @@ impl TimeProof {
         }
     }
 
-    /// Goes on with the time that the references of another master have proven.
+    /// The same before it has heard anything.
     #[cfg(feature = "master")]
-    pub const fn go_on(&mut self, other: &Self) {
-        let wrong = self.wrong.wrapping_add(other.wrong);
-        *self = *other;
-        self.wrong = wrong;
+    pub const fn anew(&self) -> Self {
+        Self {
+            last: None,
+            tag: None,
+            heard: None,
+            trust: 0,
+            steady: 0,
+            latest: None,
+            wrong: 0,
+            proof: Proof::Unproven,
+            ..*self
+        }
+    }
+
+    /// Goes on with the time of another master if its references have proven it without a doubt. True if
+    /// they have.
+    #[cfg(feature = "master")]
+    pub fn go_on(&mut self, other: &Self) -> bool {
+        let is_proven = other.latest.is_some();
+        if is_proven {
+            *self = Self {
+                trust: other.trust.max(self.needed),
+                proof: Proof::Proven,
+                wrong: self.wrong.wrapping_add(other.wrong),
+                ..*other
+            };
+        }
+        is_proven
     }
 
     /// Right tags that prove the time.
@@ -212,14 +241,20 @@ impl TimeProof {
         self.latest.is_some_and(|latest| ahead(latest) < 0)
     }
 
-    /// A basic cycle began with this reference, of another node or of this one.
-    pub fn begin(&mut self, reference: &Frame) {
+    /// A basic cycle began with this reference, of another node or of this one. `since` is the time from the
+    /// reference before by this node's clock, ms; before the first one it does not matter.
+    pub fn begin(&mut self, reference: &Frame, since: u32) {
         if self.mask() == 0 {
             return;
         }
         let data = reference.buffer();
         let time = time_of(reference);
-        let jumps = |heard| time.wrapping_sub(heard) > self.step;
+        // Times are rounded down, and a reference may wait for the bus.
+        let longest = since
+            .saturating_mul(FASTEST)
+            .saturating_add(FASTEST)
+            .min(self.step);
+        let jumps = |heard| time.wrapping_sub(heard) > longest;
         if self.heard.replace(time).is_some_and(jumps) {
             (self.trust, self.steady) = (0, 0);
         } else if let (true, Some(last)) = (self.is_tagged(time), self.last) {
@@ -257,7 +292,7 @@ impl TimeProof {
         }
     }
 
-    /// Basic cycles in which the time is proven if every tag is right.
+    /// Basic cycles with as many tags as prove the time.
     #[cfg(feature = "master")]
     pub const fn cycles(&self) -> u32 {
         let tags = self.interval().saturating_mul(self.needed as u32);
@@ -385,8 +420,8 @@ mod tests {
         fn cycle(&mut self, heard: Option<Frame>) {
             let sent = reference(self.cycle, self.master.bits());
             self.cycle += 1;
-            self.master.begin(&sent);
-            self.node.begin(&heard.unwrap_or(sent));
+            self.master.begin(&sent, 100);
+            self.node.begin(&heard.unwrap_or(sent), 100);
             compute(&mut self.master);
             compute(&mut self.node);
         }
@@ -431,8 +466,8 @@ mod tests {
                 let data = [master.bits() | 1, a, b, c, d, 0, 0, 0];
                 let sent = Frame::from_parts(Id::constant::<100>(), 8, data);
                 assert!(!node.is_past(&sent));
-                master.begin(&sent);
-                node.begin(&sent);
+                master.begin(&sent, cycle);
+                node.begin(&sent, cycle);
                 if count % late == 0 {
                     compute(&mut master);
                     compute(&mut node);
@@ -453,7 +488,7 @@ mod tests {
         let mut bus = Bus::new(SECRET, MASK);
         bus.run(1000);
         // The node misses a reference, so the next one's tag is of one that it does not know.
-        bus.master.begin(&reference(7, bus.master.bits()));
+        bus.master.begin(&reference(7, bus.master.bits()), 100);
         compute(&mut bus.master);
         bus.cycle(None);
         assert!(bus.is_proven());
@@ -473,10 +508,11 @@ mod tests {
         let mut bus = Bus::new(SECRET, MASK);
         bus.run(20);
         let late = {
-            bus.node.begin(&reference(bus.cycle, bus.master.bits()));
+            bus.node
+                .begin(&reference(bus.cycle, bus.master.bits()), 100);
             bus.node.open().expect("a tag is needed").answer()
         };
-        bus.node.begin(&reference(bus.cycle + 1, 0));
+        bus.node.begin(&reference(bus.cycle + 1, 0), 100);
         bus.node.close(late);
         assert_eq!(bus.node.bits(), 0);
         assert!(bus.is_proven(), "it cost only one step of trust");
@@ -562,6 +598,41 @@ mod tests {
         assert!(bus.is_proven());
     }
 
+    /// References that were recorded in another run, all of them right, between true ones. How fast they are
+    /// played is the attacker's choice.
+    #[test]
+    fn recorded_references_between_true_ones_prove_no_time() {
+        for pace in [1, 5, 10, 12, 20, 40, 49, 50, 60, 90, 99] {
+            let mut bus = Bus::new(SECRET, MASK);
+            let mut recorded = Bus::new(SECRET, MASK);
+            recorded.cycle = 1_000_000;
+            bus.run(50);
+            for _ in 0..20 {
+                let mut left = 100 / pace;
+                while left > 0 {
+                    let frame = reference(recorded.cycle, recorded.master.bits());
+                    recorded.cycle(None);
+                    assert!(!bus.node.is_past(&frame));
+                    bus.node.begin(&frame, pace);
+                    compute(&mut bus.node);
+                    left -= 1;
+                }
+                let next = reference(bus.cycle, 0);
+                assert!(!bus.node.is_past(&next), "a true one is ignored, {pace} ms");
+                bus.node
+                    .begin(&reference(bus.cycle, bus.master.bits()), 100 % pace);
+                bus.master
+                    .begin(&reference(bus.cycle, bus.master.bits()), 100);
+                compute(&mut bus.node);
+                compute(&mut bus.master);
+                bus.cycle += 1;
+                assert!(!bus.is_proven(), "{pace} ms");
+            }
+            bus.run(7);
+            assert!(bus.is_proven(), "{pace} ms");
+        }
+    }
+
     /// One forged reference, however far ahead it is, must not lock the true ones out.
     #[test]
     fn forged_references_do_not_move_the_time_ahead() {
@@ -602,7 +673,7 @@ mod tests {
         fn a_tag_is_that_of_one_reference_only(data: [u8; 8], bit in 0usize..64, key: [u8; 16]) {
             let tag = |secret: Secret, data: [u8; 8], length: u8| {
                 let mut proof = TimeProof::new(secret, 0xFF, CYCLE);
-                proof.begin(&Frame::from_parts(Id::constant::<100>(), length, data));
+                proof.begin(&Frame::from_parts(Id::constant::<100>(), length, data), 100);
                 compute(&mut proof);
                 proof.bits()
             };

@@ -94,14 +94,14 @@ impl Bus {
         self.guessed += u32::from(guesses);
         self.in_a_row = if guesses { self.in_a_row + 1 } else { 0 };
         let before = self.node.wrong();
-        self.node.begin(&heard);
+        self.node.begin(&heard, STEP);
         self.wrong = match self.node.wrong() == before {
             true => 0,
             false => self.wrong + 1,
         };
         assert!(self.wrong < 2 || self.node.proof() == Proof::Unproven);
         if forged.is_none() {
-            self.master.begin(&sent);
+            self.master.begin(&sent, STEP);
         }
         for proof in [&mut self.master, &mut self.node] {
             if let Some(open) = proof.open() {
