@@ -81,7 +81,7 @@ fn drive(port: &SerialPort, demand: Demand<f64>) -> Result<(), Box<dyn std::erro
             let Some(Answer::Frame { frame, .. }) = decoder.push(*byte) else {
                 continue;
             };
-            match planner.heard(&frame) {
+            match planner.heard(&frame, begin.elapsed()) {
                 Heard::Begin(slot) => {
                     let Some(wait) = pace.wait(begin.elapsed(), &slot) else {
                         continue;

@@ -18,7 +18,7 @@
 //!     let mut planner = Planner::of(&vehicle, None)?;
 //!     let (begin, mut pace) = (std::time::Instant::now(), Pace::default());
 //!     for frame in received {
-//!         if let Heard::Begin(slot) = planner.heard(&frame) {
+//!         if let Heard::Begin(slot) = planner.heard(&frame, begin.elapsed()) {
 //!             let Some(wait) = pace.wait(begin.elapsed(), &slot) else { continue };
 //!             std::thread::sleep(wait);
 //!             let demand = Demand { curvature: 0.1, speed: 0.5 };
@@ -42,9 +42,10 @@ use std::time::Duration;
 pub use control::demand::Demand;
 use embedded_can::{Frame, Id, StandardId};
 pub use firmware::e2e::Key;
-use firmware::e2e::{CHECK, COUNTER, Secret, Session, check_value, tag};
+use firmware::e2e::{CHECK, COUNTER, Proof, Secret, Session, TimeProof, check_value, tag};
 use layout::Layout;
 pub use pace::Pace;
+use ttcan::Micros;
 pub use vehicle_model::Vehicle;
 use vehicle_model::{Overrides, VehicleError};
 
@@ -136,6 +137,9 @@ pub struct Planner {
     /// By which commands are sealed; the session's, if the vehicle has sessions.
     key: Option<Key>,
     session: Option<Session<STARTS>>,
+    /// Proof of the time that references tell, and when the last one of them was heard.
+    proof: TimeProof,
+    heard: Duration,
     counter: u8,
     /// System time of the basic cycle, ms, until a command is made for it.
     time: Option<u32>,
@@ -147,8 +151,13 @@ impl Planner {
     /// # Errors
     /// The vehicle has no planner that is on, or no system time.
     pub fn of(vehicle: &Vehicle, key: Option<Key>) -> Result<Self, Error> {
+        let network = vehicle.network();
+        let cycle = Micros::micros(network.basic_cycle_us);
+        let secret = key.map_or(Secret::None, Secret::Key);
         Ok(Self {
             layout: Layout::of(vehicle)?,
+            proof: TimeProof::new(secret, network.reference_free(), cycle),
+            heard: Duration::ZERO,
             session: key
                 .filter(|_| vehicle.manifest().has_sessions())
                 .map(|key| Session::new(Secret::Key(key))),
@@ -158,8 +167,12 @@ impl Planner {
         })
     }
 
-    /// Looks at a frame of the bus. Show it all of them, in order.
-    pub fn heard(&mut self, frame: &impl Frame) -> Heard {
+    /// Looks at a frame of the bus. Show it all of them, in order. `at` is when it was received, by any clock that
+    /// goes on evenly.
+    ///
+    /// With a key, a reference message of a time before one that was proven begins no basic cycle, and a time
+    /// that runs more than twice as fast as the clock of `at` is not proven, as in the nodes.
+    pub fn heard(&mut self, frame: &impl Frame, at: Duration) -> Heard {
         let Id::Standard(id) = frame.id() else {
             return Heard::Nothing;
         };
@@ -173,6 +186,9 @@ impl Planner {
             return Heard::Nothing;
         }
         if let Some((time, slot)) = self.layout.begin(id.as_raw(), frame.data()) {
+            if !self.follows(id.as_raw(), frame.data(), at) {
+                return Heard::Nothing;
+            }
             self.time = slot.is_some().then_some(time);
             return slot.map_or(Heard::Nothing, Heard::Begin);
         }
@@ -180,14 +196,34 @@ impl Planner {
         report.map_or(Heard::Nothing, Heard::Report)
     }
 
+    /// Whether this reference message, received at `at`, begins a basic cycle. It adds to the proof of the time.
+    fn follows(&mut self, id: u16, data: &[u8], at: Duration) -> bool {
+        let frame = ttcan::Id::standard(id).and_then(|id| ttcan::Frame::new(id, data).ok());
+        let Some(reference) = frame.filter(|frame| !self.proof.is_past(frame)) else {
+            return false;
+        };
+        let since = at.saturating_sub(self.heard).as_millis();
+        self.heard = at;
+        let since = u32::try_from(since).unwrap_or(u32::MAX);
+        self.proof.begin(&reference, since);
+        if let Some(open) = self.proof.open() {
+            self.proof.close(open.answer());
+        }
+        true
+    }
+
     /// The command for this basic cycle: one in each. `None` before the first reference message, for a second
     /// command in a cycle, for values that are not finite, and with a key before all nodes of the session have told
-    /// their starts.
+    /// their starts, and while the time of the bus is not proven. Otherwise, who forges a reference message of a
+    /// later time could play the command at that time.
     pub fn command<F: Frame>(&mut self, demand: Demand<f64>) -> Option<F> {
         if !(demand.curvature.is_finite() && demand.speed.is_finite()) {
             return None;
         }
         let time = self.time.take()?;
+        if self.proof.proof() == Proof::Unproven {
+            return None;
+        }
         let id = self.layout.command_id();
         let key = match &self.session {
             None => self.key,

@@ -1,12 +1,13 @@
 //! The planner's frames, as the vehicle's receiver judges them.
 
 use can_bus::Frame;
-use firmware::e2e::{Receiver, Refusal, Secret};
+use firmware::e2e::{Receiver, Refusal, Secret, TimeProof};
 use network::{DecodeError, Message, Signal};
 use planner::{Demand, Error, Heard, Key, Lead, Planner, Vehicle, vehicle};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use std::time::Duration;
+use ttcan::{Id, Micros};
 use vehicle_model::Overrides;
 
 /// Message 310 of planner.dbc, as far as its protection goes.
@@ -46,16 +47,48 @@ fn planner(key: Option<Key>) -> Planner {
     Planner::of(&UAGV, key).unwrap()
 }
 
-/// A reference message of the gps node at this system time, ms.
-fn reference(time: u32) -> Frame {
+/// A reference message of the gps node at this system time, ms, with these bits of the proof of the time.
+fn proving(time: u32, bits: u8) -> Frame {
     let [a, b, c, d] = time.to_be_bytes();
-    Frame::standard(100, &[1, a, b, c, d, 0, 0, 0]).unwrap()
+    Frame::standard(100, &[bits | 1, a, b, c, d, 0, 0, 0]).unwrap()
+}
+
+fn reference(time: u32) -> Frame {
+    proving(time, 0)
+}
+
+const fn ms(time: u32) -> Duration {
+    Duration::from_millis(time as u64)
 }
 
 fn command(planner: &mut Planner, time: u32, curvature: f64, speed: f64) -> Frame {
-    assert!(matches!(planner.heard(&reference(time)), Heard::Begin(_)));
+    let heard = planner.heard(&reference(time), ms(time));
+    assert!(matches!(heard, Heard::Begin(_)));
     planner.command(Demand { curvature, speed }).unwrap()
 }
+
+/// A gps node with a key.
+struct Gps(TimeProof);
+
+impl Gps {
+    fn with(key: Key) -> Self {
+        Self(TimeProof::new(Secret::Key(key), 0xFC, Micros::millis(100)))
+    }
+
+    /// Its reference of a basic cycle.
+    fn reference(&mut self, time: u32) -> Frame {
+        let sent = proving(time, self.0.bits());
+        let frame = ttcan::Frame::new(Id::constant::<100>(), sent.data()).unwrap();
+        self.0.begin(&frame, 100);
+        self.0.close(self.0.open().unwrap().answer());
+        sent
+    }
+}
+
+const AHEAD: Demand<f64> = Demand {
+    curvature: -0.2,
+    speed: 0.5,
+};
 
 fn judged(receiver: &mut Receiver, time: u32, frame: &Frame) -> Result<(), Refusal> {
     assert_eq!(
@@ -82,15 +115,75 @@ fn with_a_key_only_the_same_key_is_believed() {
     let key = Key::new(*b"a secret of 16 b");
     let (mut own, mut receiver) = (planner(Some(key)), Receiver::new(Secret::Key(key)));
     let mut other = planner(Some(Key::new(*b"another secret  ")));
+    let (mut gps, mut false_gps) = (Gps::with(key), Gps::with(Key::new(*b"another secret  ")));
+    let mut forged = None;
     for cycle in 1..20 {
         let time = 100 * cycle;
-        let frame = command(&mut own, time, -0.2, 0.5);
-        assert_eq!(judged(&mut receiver, time, &frame), Ok(()));
+        own.heard(&gps.reference(time), ms(time));
+        let command = own.command::<Frame>(AHEAD);
+        // Five right tags prove the time, and the first reference has none before it.
+        assert_eq!(command.is_some(), cycle > 5, "{cycle}");
+        if let Some(frame) = command {
+            assert_eq!(judged(&mut receiver, time, &frame), Ok(()));
+        }
+        other.heard(&false_gps.reference(time), ms(time));
+        forged = other.command(AHEAD);
     }
-    let forged = command(&mut other, 2000, -0.2, 0.5);
-    assert_eq!(judged(&mut receiver, 2000, &forged), Err(Refusal::Forged));
+    let forged = forged.unwrap();
+    assert_eq!(judged(&mut receiver, 1900, &forged), Err(Refusal::Forged));
     let open = command(&mut planner(None), 2100, -0.2, 0.5);
     assert_eq!(judged(&mut receiver, 2100, &open), Err(Refusal::Forged));
+}
+
+/// Who records a command of a later time can play it then.
+#[test]
+fn nothing_is_sealed_for_a_forged_time() {
+    let key = Key::new(*b"a secret of 16 b");
+    let (mut planner, mut gps) = (planner(Some(key)), Gps::with(key));
+    for cycle in 1..20 {
+        let time = 100 * cycle;
+        planner.heard(&gps.reference(time), ms(time));
+        assert_eq!(planner.command::<Frame>(AHEAD).is_some(), cycle > 5);
+        // The tag is what it would be, as an attacker may guess.
+        let forged = proving(time + 1_000_000, gps.0.bits());
+        if cycle > 10 {
+            assert!(matches!(
+                planner.heard(&forged, ms(time + 50)),
+                Heard::Begin(_)
+            ));
+            assert_eq!(planner.command::<Frame>(AHEAD), None);
+            break;
+        }
+    }
+    // The true ones prove theirs again.
+    for cycle in 12..20 {
+        let time = 100 * cycle;
+        planner.heard(&gps.reference(time), ms(time));
+        assert_eq!(
+            planner.command::<Frame>(AHEAD).is_some(),
+            cycle > 16,
+            "{cycle}"
+        );
+    }
+    // And a time before is none of this run.
+    assert_eq!(planner.heard(&reference(1500), ms(2000)), Heard::Nothing);
+}
+
+/// References of another run, all of them right, played within a basic cycle.
+#[test]
+fn nothing_is_sealed_for_recorded_references_between_true_ones() {
+    let key = Key::new(*b"a secret of 16 b");
+    let (mut planner, mut gps, mut recorded) = (planner(Some(key)), Gps::with(key), Gps::with(key));
+    for cycle in 1..40 {
+        let time = 100 * cycle;
+        planner.heard(&gps.reference(time), ms(time));
+        planner.command::<Frame>(AHEAD);
+        for step in 1..10 {
+            let later = 1_000_000 + 1000 * cycle + 100 * step;
+            planner.heard(&recorded.reference(later), ms(time + 10 * step));
+            assert_eq!(planner.command::<Frame>(AHEAD), None, "{cycle} {step}");
+        }
+    }
 }
 
 #[test]
@@ -103,7 +196,7 @@ fn a_cycle_has_one_command() {
     assert_eq!(planner.command::<Frame>(demand), None);
     command(&mut planner, 100, 0.0, 1.0);
     assert_eq!(planner.command::<Frame>(demand), None);
-    planner.heard(&reference(200));
+    planner.heard(&reference(200), ms(200));
     for bad in [f64::NAN, f64::INFINITY] {
         let bad = Demand {
             speed: bad,
@@ -116,7 +209,7 @@ fn a_cycle_has_one_command() {
 
 #[test]
 fn a_command_fits_its_window() {
-    let Heard::Begin(slot) = planner(None).heard(&reference(100)) else {
+    let Heard::Begin(slot) = planner(None).heard(&reference(100), ms(100)) else {
         panic!("no slot");
     };
     assert!(slot.earliest >= Duration::from_millis(40));
@@ -128,7 +221,7 @@ fn the_vehicle_tells_who_leads() {
     let mut planner = planner(None);
     // Path, 3 refused, 250 ms old, 0.05 1/m, 0.8 m/s.
     let data = [0x01, 3, 25, 0xF4, 0x01, 0x20, 0x03, 0];
-    let Heard::Report(report) = planner.heard(&Frame::standard(455, &data).unwrap()) else {
+    let Heard::Report(report) = planner.heard(&Frame::standard(455, &data).unwrap(), ms(0)) else {
         panic!("no report");
     };
     assert_eq!((report.lead, report.refused), (Lead::Planner, 3));
@@ -198,7 +291,7 @@ proptest! {
     #[test]
     fn any_frame_is_heard(id in 0..2048_u16, data in prop::collection::vec(any::<u8>(), 0..9)) {
         let mut planner = planner(None);
-        planner.heard(&Frame::standard(id, &data).unwrap());
+        planner.heard(&Frame::standard(id, &data).unwrap(), ms(0));
     }
 }
 

@@ -203,6 +203,17 @@ impl Message {
         std::iter::once(self.window).chain(self.further.iter().copied())
     }
 
+    /// The bits of its data that belong to no signal, D0 least significant.
+    #[must_use]
+    pub fn free(&self) -> u64 {
+        let mut data = [0; 8];
+        data[..usize::from(self.length)].fill(0xFF);
+        for signal in &self.signals {
+            signal.insert(&mut data, 0);
+        }
+        u64::from_le_bytes(data)
+    }
+
     /// Whether a node receives it: a signal of it names that node, or none at all.
     #[must_use]
     pub fn is_for(&self, node: &str) -> bool {
@@ -259,6 +270,16 @@ impl Network {
     #[must_use]
     pub fn release_grain_us(&self) -> u32 {
         (self.basic_cycle_us / 200).clamp(1, Self::LARGEST_RELEASE_GRAIN_US)
+    }
+
+    /// The bits of D0 that belong to no signal in any reference. No field of the protocol stands there
+    /// where the references have a byte of the application in front.
+    #[must_use]
+    pub fn reference_free(&self) -> u8 {
+        let messages = self.messages.iter();
+        let references = messages.filter(|message| message.window.kind == WindowKind::Reference);
+        let free = references.map(|message| message.free() as u8);
+        free.reduce(|bits, one| bits & one).unwrap_or(0)
     }
 
     /// The message with this identifier.

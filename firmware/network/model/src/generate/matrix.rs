@@ -69,23 +69,8 @@ fn write_constants(out: &mut String, network: &Network) -> std::fmt::Result {
     writeln!(
         out,
         "pub const REFERENCE_FREE: u8 = {:#X};\n",
-        reference_free(network)
+        network.reference_free()
     )
-}
-
-/// The bits of D0 that belong to no signal in any reference. No field of the protocol stands there
-/// where the references have a byte of the application in front.
-fn reference_free(network: &Network) -> u8 {
-    let references = network
-        .messages
-        .iter()
-        .filter(|message| message.window.kind == WindowKind::Reference);
-    let mut any = false;
-    let free = references.fold(u8::MAX, |bits, message| {
-        any = true;
-        bits & super::messages::free(message) as u8
-    });
-    if any { free } else { 0 }
 }
 
 /// A window of the matrix with its name in Rust.

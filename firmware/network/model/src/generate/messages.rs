@@ -188,7 +188,7 @@ fn write_message(out: &mut String, network: &Network, message: &Message) -> std:
     writeln!(out, "    const NAME: &'static str = {name:?};")?;
     writeln!(out, "    const LENGTH: u8 = {};", message.length)?;
     writeln!(out, "    const SHORTEST: u8 = {};", message.shortest)?;
-    writeln!(out, "    const FREE: u64 = {:#X};", free(message))?;
+    writeln!(out, "    const FREE: u64 = {:#X};", message.free())?;
     writeln!(
         out,
         "    type Node = Node;\n    const SENDER: Node = Node::{};",
@@ -210,16 +210,6 @@ fn write_message(out: &mut String, network: &Network, message: &Message) -> std:
     decode(out, network, message)?;
     visit(out, network, message)?;
     writeln!(out, "}}\n")
-}
-
-/// The bits of the data that belong to no signal, D0 least significant.
-pub(super) fn free(message: &Message) -> u64 {
-    let mut data = [0; 8];
-    data[..usize::from(message.length)].fill(0xFF);
-    for signal in &message.signals {
-        signal.insert(&mut data, 0);
-    }
-    u64::from_le_bytes(data)
 }
 
 fn range(signal: &Signal) -> String {
