@@ -1542,7 +1542,7 @@ mod tests {
             assert!(link.is_time_believed());
             // To all others, its references go on where those of the other one ended.
             for _ in 0..10 {
-                assert_eq!(other.proof.is_past(&own(&link)), false);
+                assert!(!other.proof.is_past(&own(&link)));
                 other.proof.begin(&own(&link), 100);
                 other.compute();
                 pass(&mut link, 100_000);
