@@ -57,7 +57,7 @@ impl Led {
         let end = Duration::from_secs_f64(end);
         while let Some(received) = self.bus.receive(end).unwrap() {
             self.note(received.at, &received.frame);
-            match self.planner.heard(&received.frame) {
+            match self.planner.heard(&received.frame, received.at) {
                 Heard::Begin(slot) => {
                     let Some(frame) = demand.and_then(|it| self.planner.command::<Frame>(it))
                     else {
@@ -66,7 +66,7 @@ impl Led {
                     // Frames of the time until then belong to nobody here.
                     while let Some(other) = self.bus.receive(received.at + slot.earliest).unwrap() {
                         self.note(other.at, &other.frame);
-                        if let Heard::Report(report) = self.planner.heard(&other.frame) {
+                        if let Heard::Report(report) = self.planner.heard(&other.frame, other.at) {
                             self.told(report);
                         }
                     }

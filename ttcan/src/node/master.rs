@@ -315,25 +315,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// Makes this node's reference due again at `now` if it lost arbitration and no
     /// reference was received since.
-    ///
-    /// Other masters may have waited for the same frame, and would begin together with this one. If it does not
-    /// have the time, it waits until a reference of theirs would have been received. It does so for some frames
-    /// only: without another master, a full bus must not keep it silent.
     pub(super) fn repeat_lost_reference(&mut self, now: Stamp) {
         if let Progress::Lost(requested) = self.master.attempt.progress {
             self.master.attempt.progress = Progress::Repeated(requested);
-            let network = self.setup.network();
-            let tried = now.ticks_since(requested);
-            let patience = self.clock.ticks(4 * network.reference_length);
-            let waits = self.must_wait_for_time() && tried < patience.cast_signed();
-            self.agenda.reference = Some(if waits {
-                now.after(
-                    self.clock
-                        .ticks(network.reference_length + network.transmit_enable),
-                )
-            } else {
-                now
-            });
+            self.agenda.reference = Some(now);
         }
     }
 

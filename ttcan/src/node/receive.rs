@@ -1,6 +1,7 @@
 //! Received frames, and messages of other nodes.
 
 use super::counters::bump;
+use super::master_role::Progress;
 use super::position::CurrentWindow;
 use super::{Fault, MasterState, Node, Reception, SyncState};
 use crate::features::{MASTER, PEERS};
@@ -44,8 +45,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// What a message tells a potential master about references.
     fn note_message(&mut self, stamp: Stamp) {
-        // No reference won against this node's own, so that one is due again.
-        self.repeat_lost_reference(stamp);
+        // No reference won against this node's own, so that one is due again. Other masters may have waited for the
+        // same frame, and would begin together with it. If this node does not have the time, it lets them go first.
+        let lost = matches!(self.master.attempt.progress, Progress::Lost(_));
+        if lost && self.master.offset != self.setup.untimed_offset {
+            self.repeat_lost_reference(stamp);
+        }
         let initial = self.supervision.missing == Missing::Initial;
         if !self.cycle.has_begun() && !initial && self.agenda.reference.is_some() {
             // Another node keeps a schedule, so a reference will come.
