@@ -185,6 +185,22 @@ fn the_key_of_the_nodes_is_needed() {
     }
 }
 
+/// It proves the time first, half a second long, and leads then as without a key.
+#[test]
+fn a_planner_with_the_key_leads() {
+    // What a simulation with this seed gives its nodes.
+    let mut key = *b"simulated \0\0\0\0\0\0";
+    key[8..].copy_from_slice(&1_u64.to_le_bytes());
+    let mut led = Led::new(
+        "key = true\n[[fix]]\nat = \"100 ms\"\nstate = \"none\"",
+        Some(Key::new(key)),
+    );
+    led.until(8.0, demand(0.0, 1.0));
+    assert!(led.runs(), "{:?}", led.modes);
+    assert_eq!((led.lead, led.refused), (Some(Lead::Planner), 0));
+    assert!((led.place().2 - 1.0).abs() < 0.05, "{:?}", led.place());
+}
+
 /// The joystick ends a run of the planner as it ends any.
 #[test]
 fn the_operator_counts_before_the_planner() {
