@@ -177,7 +177,7 @@ fn the_key_of_the_nodes_is_needed() {
         assert!(!led.runs(), "{:?}", led.modes);
         assert_eq!(led.lead, Some(Lead::Path));
         // With another key it does not even believe the time of the bus, and sends nothing.
-        let refused = if key.is_none() { 50..=255 } else { 0..=0 };
+        let refused = if key.is_none() { 51..=255 } else { 0..=0 };
         assert!(refused.contains(&led.refused), "{}", led.refused);
         let still = led.bus.twin().world().states().iter();
         let moved = still.filter(|sample| sample.speed.abs() > 0.01);

@@ -20,8 +20,8 @@
 //! References that were recorded prove their time as well as they did then. So a node with a key
 //! ignores every reference of a time before one that it has seen proven. A time that jumps ahead, or runs
 //! faster than the node's clock, is not proven until as many right tags have followed it without another
-//! jump. So who forges one reference cannot lock the true ones out, nor who plays recorded ones between them. Nothing is sealed or judged meanwhile
-//! ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
+//! jump. So who forges one reference cannot lock the true ones out, nor who plays recorded ones between
+//! them. Nothing is sealed or judged meanwhile ([`Link::is_time_believed`](crate::link::Link::is_time_believed)).
 //!
 //! Whoever has recorded a later time can lock the true ones out: enough references in a row, of another run
 //! with the same key, played while the masters are off the bus, prove their time. A node cannot tell them from
@@ -608,14 +608,12 @@ mod tests {
             recorded.cycle = 1_000_000;
             bus.run(50);
             for _ in 0..20 {
-                let mut left = 100 / pace;
-                while left > 0 {
+                for _ in 0..100 / pace {
                     let frame = reference(recorded.cycle, recorded.master.bits());
                     recorded.cycle(None);
                     assert!(!bus.node.is_past(&frame));
                     bus.node.begin(&frame, pace);
                     compute(&mut bus.node);
-                    left -= 1;
                 }
                 let next = reference(bus.cycle, 0);
                 assert!(!bus.node.is_past(&next), "a true one is ignored, {pace} ms");
