@@ -1,6 +1,7 @@
 //! `test`: everything that must hold before a change is kept.
 
 mod binaries;
+mod oldest;
 
 use std::{
     process::Command,
@@ -283,6 +284,10 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         steps.push(Step::new(
             "roll and pitch, uagv",
             Work::Commands(vec![tests_of_tilt(workspace)]),
+        ));
+        steps.push(Step::new(
+            "oldest compiler, ttcan",
+            Work::Commands(oldest::checks(workspace)),
         ));
     }
     steps.extend([
