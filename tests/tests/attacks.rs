@@ -1,37 +1,57 @@
 //! The campaign with an attacker: without a key it finds that forged commands move the motors.
 
-use campaign::{Trouble, Verdict, replay};
+use campaign::attack::{self, Attack, Kind, Role};
+use campaign::{Sequence, Trouble, Verdict, play, replay};
 use furrow_tests::{images, vehicle};
-
-/// Seed of a run in which the attacker forges commands.
-const FORGED: u64 = 69;
 
 fn run(seed: u64, key: bool) -> Verdict {
     let attacks = Trouble::Attacks { key };
     replay(vehicle(), seed, images(), attacks).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The check value of a command needs no secret.
+/// A vehicle under way, and for two seconds forged commands in place of the true ones.
+fn forged_commands(seed: u64, key: bool) -> Verdict {
+    let id = attack::command(vehicle()).expect("a command").id;
+    let (from, until) = (2.0, 4.0);
+    let forgery = Kind::Forge {
+        role: Role::Command,
+        id,
+        rate: 500.0,
+    };
+    let suppression = Kind::Suppress {
+        id: Some(id),
+        bit: 40,
+    };
+    let kinds = [forgery, suppression].into_iter();
+    let attacks = kinds.map(|kind| Attack { kind, from, until }).collect();
+    let sequence = Sequence {
+        attacks,
+        ..Sequence::attacked(vehicle(), seed, key)
+    };
+    play(vehicle(), sequence, images()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The check value of a command needs no secret. Whether a forged one has the counter that is expected next is a
+/// matter of luck, so not each attack moves a motor.
 #[test]
 fn without_a_key_the_campaign_finds_that_forged_commands_move_motors() {
-    let verdict = run(FORGED, false);
-    assert!(verdict.tally.moved_a_motor > 0, "{verdict:?}");
-    let mut rules = verdict.violations.iter().map(|one| one.rule.as_ref());
-    assert!(
-        rules.any(|rule| rule == "forged"),
-        "{:?}",
-        verdict.violations
-    );
+    let mut verdicts = (1..=8).map(|seed| forged_commands(seed, false));
+    let moved = verdicts.find(|verdict| verdict.tally.moved_a_motor > 0);
+    let moved = moved.expect("a forged command that is obeyed");
+    let mut rules = moved.violations.iter().map(|one| one.rule.as_ref());
+    assert!(rules.any(|rule| rule == "forged"), "{:?}", moved.violations);
 }
 
 #[test]
-fn with_a_key_the_same_attack_moves_none() {
-    let verdict = run(FORGED, true);
-    assert_eq!(verdict.violations, []);
-    assert_eq!(verdict.tally.moved_a_motor, 0);
-    assert!(verdict.tally.attempts() > 100, "{:?}", verdict.tally);
-    let recovered = verdict.tally.worst_recovery_seconds;
-    assert!(recovered > 0.0 && recovered < 1.0, "{recovered}");
+fn with_a_key_the_same_attacks_move_none() {
+    for seed in 1..=2 {
+        let verdict = forged_commands(seed, true);
+        assert_eq!(verdict.violations, []);
+        assert_eq!(verdict.tally.moved_a_motor, 0);
+        assert!(verdict.tally.attempts() > 100, "{:?}", verdict.tally);
+        let recovered = verdict.tally.worst_recovery_seconds;
+        assert!(recovered > 0.0 && recovered < 1.0, "{recovered}");
+    }
 }
 
 /// A flood keeps the reference off the bus, and the next one begins the cycles at another time. Until the schedule

@@ -27,7 +27,7 @@ pub use merge::{MergeError, merge};
 pub use options::{Options, Shard, ShardError, Trouble};
 pub use report::{Campaign, Cause, Report, Verdict, digests, quoted};
 pub use rules::Violation;
-pub use run::{Progress, replay, run, stall};
+pub use run::{Progress, play, replay, run, stall};
 pub use sequence::{Sequence, Upset};
 
 /// The vehicle that the tests of this crate judge.

@@ -41,6 +41,14 @@ pub fn replay(
         Trouble::Faults => Sequence::draw(vehicle, seed),
         Trouble::Attacks { key } => Sequence::attacked(vehicle, seed, key),
     };
+    play(vehicle, sequence, images)
+}
+
+/// Runs a sequence, drawn or made otherwise.
+///
+/// # Errors
+/// As [`replay`].
+pub fn play(vehicle: &Vehicle, sequence: Sequence, images: &Images) -> Result<Verdict, TwinError> {
     // Judges the images only: a fault of the simulation is a failure with a seed too.
     let judged = catch_unwind(AssertUnwindSafe(|| drive(vehicle, &sequence, images)));
     let alone = |violation| (vec![violation], Tally::default());
@@ -63,7 +71,7 @@ pub fn replay(
         }
     };
     Ok(Verdict {
-        seed,
+        seed: sequence.seed,
         story: sequence.story,
         violations,
         tally,
