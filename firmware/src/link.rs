@@ -569,6 +569,11 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             }
             self.reference_byte = 0;
             self.node.set_drift_limit(self.drift_limit());
+            // A crystal knows the rate of true time better than those whom this node followed, and nobody
+            // corrects a master.
+            if self.quality & INTERNAL_CLOCK == 0 && self.node.rate() != 0 {
+                self.node.forget_rate();
+            }
         }
         begun
     }
@@ -1452,8 +1457,8 @@ mod tests {
         /// As many as have 30 bits together.
         const NEEDED: u32 = 5;
 
-        /// The master that came back, which goes on from the time `before`, and the first cycle that it leads.
-        fn returned(before: u32) -> TestLink {
+        /// A master that has started and has heard nothing yet.
+        fn started(node: NodeId) -> TestLink {
             let timer = Timer {
                 now: BEGIN,
                 window: None,
@@ -1461,7 +1466,7 @@ mod tests {
             let mut link = Link::new(
                 Box::leak(Box::new(None)),
                 RIVALS.view(),
-                NodeConfig::new(MASTER, PER_US),
+                NodeConfig::new(node, PER_US),
                 Oscillator::External,
                 Rule::new(BackupMaster::Stop, Micros::millis(100)),
                 Cell::default(),
@@ -1469,8 +1474,14 @@ mod tests {
             )
             .expect("a configuration that fits");
             link.prove_time(SECRET, FREE);
-            link.resume(before);
             link.start();
+            link
+        }
+
+        /// The master that came back, which goes on from the time `before`, and the first cycle that it leads.
+        fn returned(before: u32) -> TestLink {
+            let mut link = started(MASTER);
+            link.resume(before);
             pass(&mut link, 110_000);
             assert_eq!(link.node.status().master, MasterState::Current);
             compute(&mut link);
@@ -1552,6 +1563,36 @@ mod tests {
                 (other.proof.proof(), other.proof.wrong()),
                 (Proof::Proven, 0)
             );
+        }
+
+        /// The other master's time ran 190 ppm faster, which that of no two crystals does.
+        #[test]
+        fn a_master_on_its_crystal_leads_at_the_rate_of_the_crystal() {
+            let mut link = started(STEERING);
+            pass(&mut link, 1000);
+            let mut time = 7000_u32;
+            for cycle in 0..12 {
+                if cycle > 0 {
+                    pass(&mut link, 99_500);
+                    // The node's own reference is due while this one is on the bus.
+                    link.timer.now = link.timer.now.wrapping_add(481 * PER_US);
+                }
+                let [a, b, c, d] = time.to_be_bytes();
+                // The begin of the last reference, in 1/32 us.
+                let [_, _, high, low] = ((time - 100) * 32_000).to_be_bytes();
+                let data = [1, a, b, c, d, 0, high, low];
+                let frame = Frame::new(Id::constant::<100>(), &data).expect("eight bytes");
+                link.port.fifo.push_back(Received::Data(frame));
+                assert!(link.on_receive(link.timer.now).reference);
+                time += 100;
+            }
+            assert_eq!(link.node.status().master, MasterState::Backup);
+            let ppm = f64::from(link.node.rate()) / 4295.0;
+            assert!((150.0..=200.0).contains(&ppm), "{ppm}");
+            pass(&mut link, 500_000);
+            assert_eq!(link.node.status().master, MasterState::Current);
+            assert_eq!(link.node.rate(), 0);
+            assert!(time_of(&own(&link)) > time);
         }
 
         #[test]

@@ -81,3 +81,12 @@ fn what_a_reference_that_is_not_proven_yet_allows_is_counted_as_known() {
     assert_eq!(known["place"], 1);
     assert_eq!(verdict.tally.known_examples["place"].seed, 1059);
 }
+
+/// The attacker's references tell a time that runs 200 ppm too fast. Nodes that have followed them begin their last
+/// windows 21 us early, until they have measured the rate of their own master again.
+#[test]
+fn the_rate_of_foreign_references_is_soon_forgotten() {
+    for seed in [2917, 3055] {
+        assert_eq!(run(seed, true).violations, [], "{seed}");
+    }
+}

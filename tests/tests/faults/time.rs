@@ -20,6 +20,11 @@ fn told(reference: &Sent) -> u32 {
 /// Takes the place of the time master: destroys its references and those of the backup from `from` to
 /// `until`, and sends references with the right time and marks, but without the key.
 fn lead(journey: &mut Journey, from: SimTime, until: SimTime) {
+    lead_as(journey, 100, 0.1, from, until);
+}
+
+/// The same as the master of this reference, whose basic cycles are this long, s.
+fn lead_as(journey: &mut Journey, reference: u16, cycle: f64, from: SimTime, until: SimTime) {
     let attacker = Attacker::on(journey);
     for id in [100, 101] {
         attacker.suppress(journey, Some(id), from, until);
@@ -29,7 +34,7 @@ fn lead(journey: &mut Journey, from: SimTime, until: SimTime) {
     let (mut start, mut data) = (last.start, last.bytes());
     let mut time = told(last);
     loop {
-        start += span(0.1);
+        start += span(cycle);
         time += 100;
         if start >= until {
             return;
@@ -40,7 +45,7 @@ fn lead(journey: &mut Journey, from: SimTime, until: SimTime) {
         let mark = u16::from_be_bytes([data[6], data[7]]).wrapping_add(1696 * 32);
         data[6..].copy_from_slice(&mark.to_be_bytes());
         if start >= from {
-            attacker.send(journey, start, 100, &data);
+            attacker.send(journey, start, reference, &data);
         }
     }
 }
@@ -74,6 +79,32 @@ fn no_motor_moves_under_a_foreign_time_master() {
     let stopped = driven_under_a_foreign_master("key = true");
     println!("stopped {stopped:?} s after the second foreign reference");
     assert!(stopped.is_some_and(|stopped| stopped < 0.001));
+}
+
+/// The time master has followed a backup whose time ran 200 ppm too fast. Nobody would correct its rate, so it would lead
+/// at that one from then on, and leave the receiver's epochs behind.
+#[test]
+fn a_master_that_followed_a_wrong_rate_leads_at_that_of_its_crystal() {
+    let mut journey = Journey::of("key = true");
+    journey.to(3.0);
+    let (from, until) = (at(3.05), at(4.0));
+    lead_as(&mut journey, 101, 0.1 * (1.0 - 200e-6), from, until);
+    journey.to(5.5);
+    let traffic = journey.traffic();
+    let foreign = traffic.frames.iter().filter(|frame| frame.node.is_none());
+    let followed = foreign.filter(|frame| frame.complete && frame.id == 101);
+    assert!(followed.count() >= 8);
+    let starts: Vec<SimTime> = traffic
+        .between(100, at(4.3), at(5.5))
+        .map(|frame| frame.start)
+        .collect();
+    assert!(starts.len() >= 10);
+    let cycles = starts
+        .windows(2)
+        .map(|pair| seconds(pair[1]) - seconds(pair[0]));
+    let shortest = cycles.fold(f64::MAX, f64::min);
+    // Following the epochs, it shortens a cycle by up to 8 us. Crystals are off by up to 50 ppm, and stamps vary.
+    assert!((0.1 - shortest) < 16e-6, "{shortest} s");
 }
 
 /// Somebody silences the bus and then plays back a second of the run, with the references of then.

@@ -192,7 +192,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
     }
 
-    /// The rate of this node's counter has changed: it is measured anew.
+    /// The rate of this node's counter has changed: it is measured anew. Or this node has begun to lead, and its
+    /// oscillator is better than the rate that it has measured by others: nobody corrects a master's rate.
     pub fn forget_rate(&mut self) {
         self.clock.forget_rate();
     }

@@ -24,6 +24,12 @@ const FOLLOWS: f64 = 200e-6;
 /// which 127 are the full effort.
 const EFFORT_STEP: f64 = 2.0 / 127.0;
 
+/// Basic cycles from the last foreign reference until a node that has followed it has measured its master's rate again.
+const MEASURED: f64 = 5.0;
+
+/// Largest difference of rates that a node with a crystal follows.
+const LARGEST_RATE: f64 = firmware::design::DRIFT_LIMIT_PPM as f64 * 1e-6;
+
 /// Number of forged and replayed frames, while the nodes are in schedule, of which they must have
 /// noticed one.
 const NOTICED: usize = 20;
@@ -174,10 +180,10 @@ impl Judge<'_> {
         self.broken(other)
     }
 
-    /// Whether a frame is in its window by a foreign reference of the last three basic cycles, or by one
-    /// of the vehicle's own that a foreign one has followed.
+    /// Whether a frame is in its window by a foreign reference of the last basic cycles, or by one of the vehicle's own
+    /// that a foreign one has followed, at a rate that its sender may have measured by the foreign one.
     fn follows_foreign(&self, frame: &Sent, foreign: &[Foreign]) -> bool {
-        let lately = 3.0 * self.period();
+        let lately = MEASURED * self.period();
         let is_near = |start: SimTime| {
             let age = seconds(frame.start) - seconds(start);
             (0.0..lately).contains(&age)
@@ -192,11 +198,13 @@ impl Judge<'_> {
         let genuine = genuine.filter(|sent| sent.complete && sent.node.is_some());
         let mut begins = spoofed.chain(genuine.filter(is_reference));
         begins.any(|sent| {
-            let begin = Begin {
-                start: sent.start,
-                rate: 1.0,
-            };
-            self.matrix.in_place(frame, &[begin])
+            [-LARGEST_RATE, LARGEST_RATE].into_iter().any(|faster| {
+                let begin = Begin {
+                    start: sent.start,
+                    rate: 1.0 + faster,
+                };
+                self.matrix.in_place(frame, &[begin])
+            })
         })
     }
 
