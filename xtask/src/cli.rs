@@ -1183,8 +1183,9 @@ pub struct Priorities {
     virtual microcontroller. They need the image's place in the flash: `flash` brings the node\n\
     back. boards/GETTING_STARTED.md says what must be wired for them, and what must not.\n\
     Exit code 0: all passed; 1: one failed, or a step; 2: wrong input.\n\n\
-    One step runs the first 30 random fault sequences, and one 10 with an attacker, with --long\n\
-    1000 each; `cargo xtask sim --faults N`, perhaps with --attacker, runs as many as you like.")]
+    One step runs the first 30 random fault sequences, and one 40 with an attacker, who makes\n\
+    about 10 000 attempts; with --long 1000 each. `cargo xtask sim --faults N`, perhaps with\n\
+    --attacker, runs as many as you like.")]
 pub struct Test {
     /// List the steps instead of running them
     #[arg(long)]

@@ -554,8 +554,8 @@ pub(crate) const FAULTS: u64 = 30;
 /// The same with `--long`.
 const LONG_FAULTS: u64 = 1000;
 
-/// Sequences of the step with an attacker.
-const ATTACKS: u64 = 10;
+/// Sequences of the step with an attacker: some 10 000 forged and replayed frames.
+const ATTACKS: u64 = 40;
 
 /// The same with `--long`.
 const LONG_ATTACKS: u64 = 1000;
