@@ -326,7 +326,7 @@ fn limit(rule: &str) -> &'static str {
         }
         "recovery" => {
             "some windows of the satellite receiver stayed empty for more than a second: the schedule \
-             follows the receiver's epochs by only 100 us in each cycle"
+             follows the receiver's epochs by only 8 us in each cycle"
         }
         "master" => {
             "a motor was driven under a foreign reference: a reference is proven only by the next one"
