@@ -531,6 +531,20 @@ mod tests {
         assert_eq!(begun(better), [50_000, 50_512]);
     }
 
+    /// The last window is 88 ms behind the reference, and may be used 20 us too early.
+    #[test]
+    fn a_node_that_measured_another_rate_is_in_its_window_by_that() {
+        let matrix = Matrix::new(&crate::uagv());
+        let in_place = |us: u64, rate: f64| {
+            let start = SimTime::from_ticks(50_000 * 1_000_000);
+            matrix.in_place(&frame(DRIVE, 208, 50_000 + us), &[Begin { start, rate }])
+        };
+        assert!(!in_place(87_979, 1.0));
+        assert!(in_place(87_979, 1.0 + 200e-6));
+        assert!(!in_place(87_979, 1.0 - 200e-6));
+        assert!(!in_place(87_961, 1.0 + 200e-6));
+    }
+
     /// A last resort whose oscillator is 2 % fast sends its second window 40 us early, and so do the
     /// nodes that have measured its rate; the others send in true time.
     #[test]

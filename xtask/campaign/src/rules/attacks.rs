@@ -24,8 +24,9 @@ const FOLLOWS: f64 = 200e-6;
 /// which 127 are the full effort.
 const EFFORT_STEP: f64 = 2.0 / 127.0;
 
-/// Basic cycles from the last foreign reference until a node that has followed it has measured its master's rate again.
-const MEASURED: f64 = 5.0;
+/// Basic cycles from the last foreign reference until a node that has followed it has measured its master's rate again. A
+/// master that has followed it, too, forgets its rate after five that it leads; a step of the rate is gone after five.
+const MEASURED: f64 = 10.0;
 
 /// Largest difference of rates that a node with a crystal follows.
 const LARGEST_RATE: f64 = firmware::design::DRIFT_LIMIT_PPM as f64 * 1e-6;
