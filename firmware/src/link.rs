@@ -164,9 +164,9 @@ pub const INTERNAL_CLOCK: u8 = 1 << 1;
 /// the traffic, ppm: not more than the bit timing of a board allows each of two nodes.
 pub const TOLERANCE_PPM: u32 = 9_800;
 
-/// Basic cycles in a row that a node begins before it leads at the rate of its own crystal and not at that of the master
-/// whom it followed. It knows the rate of true time better than whoever forged references, and nobody corrects a
-/// master. Earlier, the other master may have lost a reference or two, and all have measured its rate.
+/// Basic cycles in a row that a node begins before it leads at the rate of its own crystal, and not at that of the
+/// master whom it followed: nobody corrects a master, and that one may have been an attacker. Before the fifth, the
+/// other master may only have lost a reference or two, and all nodes have measured its rate.
 #[cfg(feature = "master")]
 const LEADS: u8 = 5;
 

@@ -21,8 +21,8 @@
 //! | of many forged and replayed frames some node's console counts one as out of place, or as refused (`notice`) | |
 //!
 //! A reference is proven only by the one that follows it. So a node may follow a foreign reference, and send in the windows that
-//! begin with it, and for some basic cycles more at the rate that it tells (`place`); an actuator may take it for that of the first time master (`master`); and it may
-//! move the schedule against the satellite receiver's epochs, so that up to half of the windows of their
+//! begin with it, and for some basic cycles more at the rate that it tells (`place`); an actuator may take it
+//! for that of the first time master (`master`); and it may move the schedule against the satellite receiver's epochs, so that up to half of the windows of their
 //! messages are empty for more than a second (`recovery`). Nor does a console count foreign references that its node refuses (`notice`). These are counted as known,
 //! apart from the broken rules.
 //!
