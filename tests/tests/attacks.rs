@@ -9,7 +9,7 @@ fn run(seed: u64, key: bool) -> Verdict {
     replay(vehicle(), seed, images(), attacks).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A vehicle under way, and for two seconds forged commands in place of the true ones.
+/// A run of the vehicle. For two seconds the attacker destroys the true commands and sends forged ones instead.
 fn forged_commands(seed: u64, key: bool) -> Verdict {
     let id = attack::command(vehicle()).expect("a command").id;
     let (from, until) = (2.0, 4.0);
