@@ -13,7 +13,7 @@ use crate::plan::LEAST_OBSTACLE;
 use crate::polygon;
 
 /// Margins that are tried, m. An edge is moved by up to twice the margin.
-pub const MARGINS: [f64; 7] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0];
+pub const MARGINS: [f64; 10] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0];
 
 /// Largest share of a fence's area that may be lost: narrow arms of a field would vanish.
 pub const LARGEST_LOSS: f64 = 0.05;
@@ -41,7 +41,7 @@ pub struct Thinned {
     pub area: f64,
 }
 
-/// The ring with at most `most` corners, moved to the safe side only. `None` if a margin of a metre is not enough, or a fence would
+/// The ring with at most `most` corners, moved to the safe side only. `None` if the largest margin is not enough, or a fence would
 /// lose more than [`LARGEST_LOSS`].
 #[must_use]
 pub fn thinned(ring: &[Local], most: usize, side: Side) -> Option<Thinned> {
@@ -52,35 +52,41 @@ pub fn thinned(ring: &[Local], most: usize, side: Side) -> Option<Thinned> {
             area: 0.0,
         });
     }
-    let given = Polygon::new(polygon::ring(ring), Vec::new());
+    let size = polygon::area(ring).abs();
     MARGINS.into_iter().find_map(|margin| {
-        let by = match side {
-            Side::Inside => -margin,
-            Side::Outside => margin,
-        };
-        let style = BufferStyle::new(by).line_join(LineJoin::Miter(2.0));
-        let parts = given.buffer_with_style(style);
-        let size = |part: &Polygon| part.unsigned_area();
-        let largest = parts
-            .into_iter()
-            .max_by(|one, other| size(one).total_cmp(&size(other)))?;
-        let edge = largest.exterior().simplify(margin);
-        let corners = polygon::corners(&edge);
-        let thin = Polygon::new(edge, Vec::new());
-        let safe = match side {
-            Side::Inside => thin.difference(&given),
-            Side::Outside => given.difference(&thin),
-        };
-        let good = (3..=most).contains(&corners.len())
-            && polygon::crossing(&corners).is_none()
-            && safe.unsigned_area() <= ROUNDING;
-        let area = (size(&thin) - size(&given)).abs();
-        let loss = side == Side::Outside || area <= LARGEST_LOSS * size(&given);
-        (good && loss).then_some(Thinned {
-            moved: 2.0 * margin,
-            area,
-            corners,
-        })
+        let thin = thinned_by(ring, margin, side)?;
+        let loss = side == Side::Outside || thin.area <= LARGEST_LOSS * size;
+        (thin.corners.len() <= most && loss).then_some(thin)
+    })
+}
+
+/// The ring with fewer corners, moved to the safe side by up to twice the margin. `None` if that is no simple ring.
+fn thinned_by(ring: &[Local], margin: f64, side: Side) -> Option<Thinned> {
+    let given = Polygon::new(polygon::ring(ring), Vec::new());
+    let by = match side {
+        Side::Inside => -margin,
+        Side::Outside => margin,
+    };
+    let style = BufferStyle::new(by).line_join(LineJoin::Miter(2.0));
+    let parts = given.buffer_with_style(style);
+    let size = |part: &Polygon| part.unsigned_area();
+    let largest = parts
+        .into_iter()
+        .max_by(|one, other| size(one).total_cmp(&size(other)))?;
+    let edge = largest.exterior().simplify(margin);
+    let corners = polygon::corners(&edge);
+    let thin = Polygon::new(edge, Vec::new());
+    let missed = match side {
+        Side::Inside => thin.difference(&given),
+        Side::Outside => given.difference(&thin),
+    };
+    let good = corners.len() >= 3
+        && polygon::crossing(&corners).is_none()
+        && missed.unsigned_area() <= ROUNDING;
+    good.then(|| Thinned {
+        moved: 2.0 * margin,
+        area: (size(&thin) - size(&given)).abs(),
+        corners,
     })
 }
 
@@ -127,18 +133,29 @@ pub fn grown(ring: &[Local]) -> Option<Vec<Local>> {
     Some(polygon::corners(largest.exterior()))
 }
 
-/// The obstacles with at most `most` corners together, where each one counts one more than it has. `None` if a
-/// metre is not enough.
+/// The obstacles with at most `most` corners together, where each one counts one more than it has: all are moved by the same margin, so
+/// that large ones keep more corners than small ones. `None` if the largest margin is not enough.
 #[must_use]
 pub fn obstacles(rings: &[Vec<Local>], most: usize) -> Option<Vec<Thinned>> {
-    let all = |each: usize| {
-        let thin = rings.iter().map(|ring| thinned(ring, each, Side::Outside));
-        thin.collect::<Option<Vec<Thinned>>>()
+    let unchanged = |ring: &Vec<Local>| Thinned {
+        corners: ring.clone(),
+        moved: 0.0,
+        area: 0.0,
     };
-    let count = |thin: &[Thinned]| thin.iter().map(|one| one.corners.len() + 1).sum::<usize>();
-    let fits = |thin: &Vec<Thinned>| count(thin) <= most;
-    // The more corners an obstacle may have, the less it grows.
-    (3..most).rev().find_map(|each| all(each).filter(fits))
+    let fits =
+        |thin: &Vec<Thinned>| thin.iter().map(|one| one.corners.len() + 1).sum::<usize>() <= most;
+    let all: Vec<Thinned> = rings.iter().map(unchanged).collect();
+    if fits(&all) {
+        return Some(all);
+    }
+    MARGINS.into_iter().find_map(|margin| {
+        let thin = rings.iter().map(|ring| {
+            thinned_by(ring, margin, Side::Outside)
+                .filter(|thin| thin.corners.len() < ring.len())
+                .unwrap_or_else(|| unchanged(ring))
+        });
+        Some(thin.collect()).filter(fits)
+    })
 }
 
 #[cfg(test)]
@@ -189,6 +206,22 @@ mod tests {
         }
         assert_eq!(obstacles(&rings, 9), None);
         assert_eq!(obstacles(&[], 40), Some(Vec::new()));
+    }
+
+    /// Two round ponds, a barn and a pole: corners that the small ones need not are left to the large ones.
+    #[test]
+    fn large_obstacles_keep_more_corners() {
+        let rings = vec![
+            walked(80.0, &[0.0; 36]),
+            walked(130.0, &[0.0; 36]),
+            walked(15.0, &[0.0; 18]),
+            walked(0.7, &[0.0; 4]),
+        ];
+        let thin = obstacles(&rings, 64).unwrap();
+        let moved: Vec<f64> = thin.iter().map(|one| one.moved).collect();
+        assert!(moved.iter().all(|moved| *moved <= 6.0), "{moved:?}");
+        assert!(thin[1].corners.len() > thin[2].corners.len());
+        assert_eq!((&thin[3].corners, moved[3]), (&rings[3], 0.0));
     }
 
     /// A pole, a sliver, a line that leads back, and a point.

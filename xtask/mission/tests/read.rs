@@ -135,12 +135,20 @@ fn a_path_tells_its_format() {
     let skipped = path(folder.path(), None).unwrap().skipped;
     assert_eq!(
         skipped[0].to_string(),
-        "the part file PFD00001.XML: read it by itself (line 3)"
+        "the part file PFD00001.XML, which is not beside it (line 3)"
     );
+    // A part file is found from the folder and from the file beside it.
+    let part = r#"<XFC><PFD A="PFD2" C="Part">
+        <PLN A="1"><LSG A="1"><PNT C="51" D="7"/><PNT C="51" D="7.1"/><PNT C="51.1" D="7"/></LSG></PLN></PFD></XFC>"#;
+    save("PFD00001.XML", part);
+    for from in [folder.path().to_owned(), folder.path().join("TaskData.xml")] {
+        let drawing = path(&from, None).unwrap();
+        assert_eq!(drawing.shapes[0].name, "Part", "{from:?}");
+    }
     save("PFD00001.XML", "<XFC/>");
     let skipped = path(folder.path(), None).unwrap().skipped;
     assert_eq!(
         skipped[0].to_string(),
-        "a point: lines and polygons are read (line 14)"
+        "a point that is no obstacle (line 14)"
     );
 }

@@ -70,14 +70,20 @@ fn origin(options: &NewMission, drawing: &read::Drawing) -> Option<Origin> {
     if options.origin.is_some() {
         return options.origin;
     }
-    let first = || match &drawing.shapes.first()?.shape {
+    let shapes = || drawing.shapes.iter();
+    let wanted = |named: &&read::Named| match &options.field {
+        Some(field) => named.name == *field || named.field.as_ref() == Some(field),
+        None if options.lines => is_line(named),
+        None => named.role == read::Role::Boundary,
+    };
+    let first = || match &shapes().find(wanted).or_else(|| shapes().next())?.shape {
         read::Shape::Line { from, .. } => Some(*from),
         read::Shape::Curve(points) => points.first().copied(),
         read::Shape::Polygon { outer, .. } => outer.first().copied(),
     };
     let (place, what) = match drawing.origin {
         Some(place) => (place, "the place that the file measures from"),
-        None => (first()?, "the first corner or point of the file"),
+        None => (first()?, "where its first shape begins"),
     };
     eprintln!(
         "note: the origin is {what}, {:.7} deg, {:.7} deg; a vehicle measures from the antenna of its base station, so \
@@ -85,6 +91,15 @@ fn origin(options: &NewMission, drawing: &read::Drawing) -> Option<Origin> {
         place.latitude, place.longitude
     );
     Some(Origin { place, height: 0.0 })
+}
+
+/// A field's name and its area.
+type NamedArea = (String, Area);
+
+/// True for what a vehicle may be driven along.
+fn is_line(named: &read::Named) -> bool {
+    let is_polygon = matches!(named.shape, read::Shape::Polygon { .. });
+    named.role == read::Role::Guidance && !is_polygon
 }
 
 /// What a mission is made from.
@@ -104,7 +119,7 @@ impl Wanted<'_> {
     }
 
     /// The field that the command line names, or the first one, if there is one.
-    fn area(&self) -> Result<Option<(String, Area)>, String> {
+    fn area(&self) -> Result<Option<NamedArea>, String> {
         let mut areas = field::areas(self.drawing, &self.frame);
         let names: Vec<String> = areas.iter().map(|(name, _)| format!("{name:?}")).collect();
         let index = match &self.options.field {
@@ -140,6 +155,7 @@ impl Wanted<'_> {
         let (found, area) = self
             .area()?
             .ok_or("it has no boundary of a field: --lines takes its lines")?;
+        self.tell_inside(&found, &area);
         let divided = field::Options {
             headland: self.headland(),
             direction: match options.direction {
@@ -161,10 +177,10 @@ impl Wanted<'_> {
         let name = options.name.clone().unwrap_or(found);
         let field = divided_once(&area, &divided);
         let field = self.without_crossings(&area, field)?;
-        let (edge, notes) = Edge::of(&field.area.outer, &field.area.holes)?;
-        for note in notes {
-            eprintln!("note: {note}");
-        }
+        let edge = Edge {
+            fence: told(fence_of(&field.area.outer)?),
+            obstacles: told(obstacles(&field.area.holes)?),
+        };
         let usual = self.planned(&name, &field, &edge);
         let Err(why) = self.drivable(&usual) else {
             return Ok((usual, field));
@@ -185,6 +201,19 @@ impl Wanted<'_> {
             }
         }
         Ok((usual, field))
+    }
+
+    /// Notes boundaries inside the field: they may be parts of it, or ponds.
+    fn tell_inside(&self, field: &str, area: &Area) {
+        for (name, other) in field::areas(self.drawing, &self.frame) {
+            let inside = |corner: &Local| polygon::holds(&area.outer, *corner, 0.0);
+            if name != field && other.outer.iter().all(inside) {
+                eprintln!(
+                    "note: {name:?} lies inside {field:?} and is driven over; a hole of the boundary, or a shape that its file calls an \
+                     obstacle, is not"
+                );
+            }
+        }
     }
 
     fn drivable(&self, plan: &Plan) -> Result<(), String> {
@@ -217,6 +246,15 @@ impl Wanted<'_> {
         field: Result<Field, String>,
     ) -> Result<Field, String> {
         let Some(sides) = polygon::crossing(&area.outer) else {
+            if let Ok(field) = &field
+                && field.coverage.lost > 1.0
+            {
+                eprintln!(
+                    "note: obstacles divide the field; {:.1} m2 of {:.0} m2 are not in its largest part and are left out",
+                    field.coverage.lost,
+                    area.size()
+                );
+            }
             return field;
         };
         let at = polygon::meeting(&area.outer, sides).unwrap_or_default();
@@ -240,11 +278,62 @@ impl Wanted<'_> {
         }
     }
 
+    /// The partfield whose lines are taken, and its area. A file without partfields has all its lines in none.
+    fn field_of_lines(&self) -> Result<(Option<String>, Option<NamedArea>), String> {
+        let mut fields: Vec<Option<&str>> = Vec::new();
+        for named in self.drawing.shapes.iter().filter(|named| is_line(named)) {
+            if !fields.contains(&named.field.as_deref()) {
+                fields.push(named.field.as_deref());
+            }
+        }
+        if fields.iter().all(Option::is_none) {
+            return Ok((None, self.area()?));
+        }
+        let names = || {
+            let names = fields.iter().flatten().map(|name| format!("{name:?}"));
+            names.collect::<Vec<_>>().join(", ")
+        };
+        let boundaries = || {
+            let shapes = self.drawing.shapes.iter();
+            shapes.filter(|named| named.role == read::Role::Boundary)
+        };
+        let field = match self.options.field.as_deref() {
+            None => fields.first().copied().flatten(),
+            Some(wanted) => {
+                let boundary = boundaries().find(|named| named.name == wanted);
+                let field = boundary.and_then(|named| named.field.as_deref());
+                Some(field.unwrap_or(wanted))
+            }
+        };
+        if !fields.contains(&field) {
+            return Err(format!(
+                "--field: {:?} has no line; fields with lines are {}",
+                field.unwrap_or_default(),
+                names()
+            ));
+        }
+        if fields.len() > 1 && self.options.field.is_none() {
+            eprintln!(
+                "note: it has lines in the fields {}; those of the first one are taken, and --field takes another",
+                names()
+            );
+        }
+        let mut of_field = boundaries().filter(|named| named.field.as_deref() == field);
+        let named = of_field
+            .clone()
+            .find(|named| self.options.field.as_ref() == Some(&named.name))
+            .or_else(|| of_field.next());
+        let mut areas = field::areas(self.drawing, &self.frame).into_iter();
+        let area = named.and_then(|named| areas.find(|(name, _)| *name == named.name));
+        Ok((field.map(str::to_owned), area))
+    }
+
     /// A leg for each line of the drawing, with turns between them.
     fn lines(&self) -> Result<Plan, String> {
-        let area = self.area()?;
+        let (field, area) = self.field_of_lines()?;
+        let lines = self.drawing.shapes.iter().filter(|named| is_line(named));
         let mut shapes = Vec::new();
-        for named in &self.drawing.shapes {
+        for named in lines.filter(|named| named.field == field) {
             shapes.extend(self.shape(named, area.as_ref().map(|(_, area)| area))?);
         }
         if shapes.is_empty() {
@@ -260,9 +349,13 @@ impl Wanted<'_> {
                 );
             }
         }
+        let around = field::obstacles(self.drawing, field.as_deref(), &self.frame);
         let edge = match area {
-            Some((name, area)) => enclosing(&name, &area, &shapes, self.options.no_fence)?,
-            None => Edge::default(),
+            Some((name, area)) => enclosing(&name, &area, around, &shapes, self.options.no_fence)?,
+            None => Edge {
+                obstacles: told(obstacles(&around)?),
+                ..Edge::default()
+            },
         };
         let leg = |shape| Leg {
             shape,
@@ -371,35 +464,59 @@ fn alternate(shapes: &mut [Shape]) -> usize {
     turned
 }
 
-/// The boundary as the fence of lines, if they lie in it. Its obstacles stay in any case: a line through one is refused.
-fn enclosing(name: &str, area: &Area, shapes: &[Shape], without: bool) -> Result<Edge, String> {
-    let (edge, notes) = Edge::of(&area.outer, &area.holes)?;
+/// The boundary as the fence of lines, if they lie in it. Its obstacles stay in any case, and without a fence those beside it, too: a
+/// line through one is refused.
+fn enclosing(
+    name: &str,
+    area: &Area,
+    around: Vec<Vec<Local>>,
+    shapes: &[Shape],
+    without: bool,
+) -> Result<Edge, String> {
+    let unfenced = || {
+        let beside = around
+            .iter()
+            .filter(|ring| !field::touch(&area.outer, ring));
+        let rings: Vec<Vec<Local>> = area.holes.iter().chain(beside).cloned().collect();
+        Ok(Edge {
+            fence: Vec::new(),
+            obstacles: told(obstacles(&rings)?),
+        })
+    };
+    if without {
+        return unfenced();
+    }
+    let fence = told(fence_of(&area.outer)?);
     let outside = |shape: &Shape| {
         let points = shape.points();
         let mut points = points.iter();
-        points.any(|point| !polygon::holds(&edge.fence, *point, 0.0))
+        points.any(|point| !polygon::holds(&fence, *point, 0.0))
     };
-    for note in notes {
-        eprintln!("note: {note}");
-    }
-    let unfenced = |edge: Edge| Edge {
-        fence: Vec::new(),
-        ..edge
-    };
-    if without {
-        return Ok(unfenced(edge));
-    }
     if let Some(line) = shapes.iter().position(outside) {
         eprintln!(
             "note: the boundary {name:?} does not become the fence, because line {} leaves it: the mission has no \
              fence",
             line + 1
         );
-        return Ok(unfenced(edge));
+        return unfenced();
     }
     eprintln!("note: the boundary {name:?} is the fence; --no-fence leaves it out");
-    Ok(edge)
+    Ok(Edge {
+        fence,
+        obstacles: told(obstacles(&area.holes)?),
+    })
 }
+
+/// What was made, with the notes about it on the screen.
+fn told<T>((made, notes): (T, Vec<String>)) -> T {
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    made
+}
+
+/// How far edges may be moved for fewer corners.
+const MOST_MOVED: &str = "moved by up to 10 m";
 
 /// Fence and obstacles with as many corners as a vehicle takes.
 #[derive(Clone, Debug, Default)]
@@ -408,64 +525,64 @@ struct Edge {
     obstacles: Vec<Vec<Local>>,
 }
 
-impl Edge {
-    /// Those of a boundary and its holes, and notes about what was changed.
-    fn of(boundary: &[Local], holes: &[Vec<Local>]) -> Result<(Self, Vec<String>), String> {
-        let mut notes = Vec::new();
-        let most = "moved by up to 2 m";
-        let fence = fence::thinned(boundary, CORNERS, fence::Side::Inside).ok_or_else(|| {
-            format!(
-                "the boundary has {} corners, a vehicle takes {CORNERS}, and with its edges {most} to the inside it has \
-                 still more",
-                boundary.len()
-            )
-        })?;
-        if fence.moved > 0.0 {
-            notes.push(format!(
-                "the boundary has {} corners; the fence has {}, lies inside it within {:.2} m, and encloses {:.1} m2 less",
-                boundary.len(),
-                fence.corners.len(),
-                fence.moved,
-                fence.area
-            ));
-        }
-        let mut obstacles = holes.to_vec();
-        for (number, hole) in (1..).zip(&mut obstacles) {
-            let Some(grown) = fence::grown(hole) else {
-                continue;
-            };
-            notes.push(format!(
-                "obstacle {number}, at {}, encloses {:.2} cm2 only; it is kept, {:.0} cm larger on all sides: leave it out of \
-                 the file if nothing stands there",
-                hole.first().copied().unwrap_or_default(),
-                polygon::area(hole).abs() * 1e4,
-                fence::ABOUT * 100.0
-            ));
-            *hole = grown;
-        }
-        let around = fence::obstacles(&obstacles, OBSTACLE_CORNERS).ok_or_else(|| {
-            format!(
-                "there are {} obstacles; a vehicle takes {OBSTACLE_CORNERS} corners of all obstacles together, where each \
-                 obstacle counts one more, and with their edges {most} to the outside there are still more",
-                holes.len()
-            )
-        })?;
-        for (number, (given, thin)) in (1..).zip(obstacles.iter().zip(&around)) {
-            if thin.moved > 0.0 {
-                notes.push(format!(
-                    "obstacle {number} has {} corners; in the mission it has {}, covers it with up to {:.2} m more, and is \
-                     {:.1} m2 larger",
-                    given.len(),
-                    thin.corners.len(),
-                    thin.moved,
-                    thin.area
-                ));
-            }
-        }
-        let edge = Self {
-            fence: fence.corners,
-            obstacles: around.into_iter().map(|thin| thin.corners).collect(),
+/// The fence in a boundary, and a note if it was changed.
+fn fence_of(boundary: &[Local]) -> Result<(Vec<Local>, Vec<String>), String> {
+    let fence = fence::thinned(boundary, CORNERS, fence::Side::Inside).ok_or_else(|| {
+        format!(
+            "the boundary has {} corners, a vehicle takes {CORNERS}, and with its edges {MOST_MOVED} to the inside it has \
+             still more, or has lost more than {:.0} % of its area",
+            boundary.len(),
+            100.0 * fence::LARGEST_LOSS
+        )
+    })?;
+    let note = (fence.moved > 0.0).then(|| {
+        format!(
+            "the boundary has {} corners; the fence has {}, lies inside it within {:.2} m, and encloses {:.1} m2 less",
+            boundary.len(),
+            fence.corners.len(),
+            fence.moved,
+            fence.area
+        )
+    });
+    Ok((fence.corners, note.into_iter().collect()))
+}
+
+/// The obstacles about holes, and notes about what was changed.
+fn obstacles(holes: &[Vec<Local>]) -> Result<(Vec<Vec<Local>>, Vec<String>), String> {
+    let mut notes = Vec::new();
+    let mut obstacles = holes.to_vec();
+    for (number, hole) in (1..).zip(&mut obstacles) {
+        let Some(grown) = fence::grown(hole) else {
+            continue;
         };
-        Ok((edge, notes))
+        notes.push(format!(
+            "obstacle {number}, at {}, encloses {:.2} cm2 only; it is kept, {:.0} cm larger on all sides: leave it out of \
+             the file if nothing stands there",
+            hole.first().copied().unwrap_or_default(),
+            polygon::area(hole).abs() * 1e4,
+            fence::ABOUT * 100.0
+        ));
+        *hole = grown;
     }
+    let around = fence::obstacles(&obstacles, OBSTACLE_CORNERS).ok_or_else(|| {
+        format!(
+            "there are {} obstacles; a vehicle takes {OBSTACLE_CORNERS} corners of all obstacles together, where each \
+             obstacle counts one more, and with their edges {MOST_MOVED} to the outside there are still more",
+            holes.len()
+        )
+    })?;
+    for (number, (given, thin)) in (1..).zip(obstacles.iter().zip(&around)) {
+        if thin.moved > 0.0 {
+            notes.push(format!(
+                "obstacle {number} has {} corners; in the mission it has {}, covers it with up to {:.2} m more, and is \
+                 {:.1} m2 larger",
+                given.len(),
+                thin.corners.len(),
+                thin.moved,
+                thin.area
+            ));
+        }
+    }
+    let corners = around.into_iter().map(|thin| thin.corners).collect();
+    Ok((corners, notes))
 }

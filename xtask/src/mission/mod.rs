@@ -847,6 +847,61 @@ mod tests {
         assert!(through.contains("obstacle"), "{through}");
     }
 
+    /// A file of ISO 11783-10 with two fields that are a kilometre apart, each with a line and an obstacle; the second has no boundary.
+    fn two_fields(folder: &Path) -> String {
+        let place = |north: f64, east: f64| {
+            let (latitude, longitude) = (51.0 + north / 111_240.0, 7.0 + east / 70_190.0);
+            format!("<PNT A=\"2\" C=\"{latitude:.8}\" D=\"{longitude:.8}\"/>")
+        };
+        let string = |kind: u32, places: &[(f64, f64)]| {
+            let points: String = places.iter().map(|(n, e)| place(*n, *e)).collect();
+            format!("<LSG A=\"{kind}\">{points}</LSG>")
+        };
+        let field = |name: &str, from: f64, boundary: bool| {
+            let line = string(5, &[(from + 20.0, 50.0), (from + 80.0, 50.0)]);
+            let wall = string(9, &[(from + 20.0, 60.0), (from + 80.0, 60.0)]);
+            let edge = [(0.0, 0.0), (0.0, 100.0), (100.0, 100.0), (100.0, 0.0)];
+            let edge = edge.map(|(north, east)| (from + north, east));
+            let edge = match boundary {
+                true => format!("<PLN A=\"1\">{}</PLN>", string(1, &edge)),
+                false => String::new(),
+            };
+            format!("<PFD A=\"PFD1\" C=\"{name}\">{edge}{line}{wall}</PFD>")
+        };
+        let file = folder.join("TASKDATA.XML");
+        let fields = field("near", 0.0, true) + &field("far", 1000.0, false);
+        fs::write(
+            &file,
+            format!("<ISO11783_TaskData>{fields}</ISO11783_TaskData>"),
+        )
+        .unwrap();
+        file.to_str().unwrap().to_owned()
+    }
+
+    #[test]
+    fn lines_of_one_field_are_driven_and_its_obstacles_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = two_fields(folder.path());
+        let lines = |words: &str| made(folder.path(), &format!("--from {file} --lines {words}"));
+        let counts = |plan: &Plan| (plan.legs.len(), plan.fence.len(), plan.obstacles.len());
+        for words in ["--width 3", "--field near"] {
+            let near = lines(words).unwrap();
+            assert_eq!(counts(&near), (1, 4, 1), "{words:?}");
+            let Shape::Line { from, to } = near.legs[0].shape else {
+                panic!()
+            };
+            assert!((from.distance(to) - 60.0).abs() < 0.1);
+        }
+        assert_eq!(counts(&lines("--no-fence").unwrap()), (1, 0, 1));
+        // A field without a boundary has its obstacles all the same.
+        assert_eq!(counts(&lines("--field far").unwrap()), (1, 0, 1));
+        let refused = lines("--field nowhere").unwrap_err();
+        assert!(
+            refused.ends_with("\"nowhere\" has no line; fields with lines are \"near\", \"far\""),
+            "{refused}"
+        );
+    }
+
     #[test]
     fn a_boundary_of_many_corners_becomes_a_fence_of_few() {
         let folder = tempfile::tempdir().unwrap();

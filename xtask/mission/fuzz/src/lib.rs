@@ -86,6 +86,15 @@ fn drawing(result: Result<Drawing, ReadError>) -> Option<Drawing> {
             }
         }
     }
+    let place = match &drawing.shapes[0].shape {
+        Shape::Line { from, .. } => *from,
+        Shape::Curve(places) => places[0],
+        Shape::Polygon { outer, .. } => outer[0],
+    };
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    for (_, area) in field::areas(&drawing, &frame) {
+        assert!(area.size().is_finite());
+    }
     Some(drawing)
 }
 

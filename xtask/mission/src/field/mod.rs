@@ -17,7 +17,7 @@ use std::fmt;
 
 use geo::bool_ops::FillRule;
 use geo::buffer::{BufferStyle, LineJoin};
-use geo::{Area as _, BooleanOps as _, Buffer as _, MultiPolygon, Polygon};
+use geo::{Area as _, BooleanOps as _, Buffer as _, Intersects as _, MultiPolygon, Polygon};
 
 use crate::place::{Frame, Local, Origin};
 use crate::plan::{End, Join, Leg, Outputs, Plan, Shape};
@@ -79,30 +79,47 @@ impl Area {
     }
 }
 
-/// The fields of a drawing with their names: its boundaries, with the obstacles that lie in each as holes.
+/// The fields of a drawing with their names: its boundaries, with the obstacles that reach into each as holes.
 #[must_use]
 pub fn areas(drawing: &read::Drawing, frame: &Frame) -> Vec<(String, Area)> {
-    let of = |role| {
-        let shapes = drawing.shapes.iter();
-        shapes.filter(move |named| named.role == role)
-    };
-    let obstacles: Vec<Area> = of(read::Role::Obstacle)
-        .filter_map(|named| Area::of(&named.shape, frame))
-        .collect();
+    let boundaries = drawing.shapes.iter();
+    let boundaries = boundaries.filter(|named| named.role == read::Role::Boundary);
     let mut areas = Vec::new();
-    for named in of(read::Role::Boundary) {
+    for named in boundaries {
         let Some(mut area) = Area::of(&named.shape, frame) else {
             continue;
         };
-        let inside = |corner: &Local| polygon::holds(&area.outer, *corner, 0.0);
-        let found = obstacles
-            .iter()
-            .filter(|obstacle| obstacle.outer.iter().any(inside));
-        let holes: Vec<Vec<Local>> = found.map(|obstacle| obstacle.outer.clone()).collect();
-        area.holes.extend(holes);
+        let obstacles = obstacles(drawing, named.field.as_deref(), frame);
+        let within: Vec<_> = obstacles
+            .into_iter()
+            .filter(|ring| touch(&area.outer, ring))
+            .collect();
+        area.holes.extend(within);
         areas.push((named.name.clone(), area));
     }
     areas
+}
+
+/// The obstacles of a partfield, or all of a drawing that has none.
+#[must_use]
+pub fn obstacles(drawing: &read::Drawing, field: Option<&str>, frame: &Frame) -> Vec<Vec<Local>> {
+    let shapes = drawing.shapes.iter();
+    let obstacles = shapes.filter(|named| {
+        named.role == read::Role::Obstacle && (field.is_none() || named.field.as_deref() == field)
+    });
+    obstacles
+        .filter_map(|named| Area::of(&named.shape, frame).map(|area| area.outer))
+        .collect()
+}
+
+/// True if two rings have a place in common.
+#[must_use]
+pub fn touch(one: &[Local], other: &[Local]) -> bool {
+    polygon_of(one).intersects(&polygon_of(other))
+}
+
+fn polygon_of(ring: &[Local]) -> Polygon {
+    Polygon::new(polygon::ring(ring), Vec::new())
 }
 
 /// The piece of a line that lies inside a field, `margin` metres or more from its edge and its holes, and is nearest to where the line

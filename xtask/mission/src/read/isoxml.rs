@@ -5,16 +5,19 @@
 //!
 //! | element | read |
 //! | --- | --- |
-//! | `PFD` partfield | its name `C` names its shapes |
-//! | `PLN` polygon | type `A`: 1 boundary and 9 main field as boundary; 3 water, 4 building and 6 obstacle as obstacle; others as area. Each `LSG` of type 1 is an outer ring, of type 2 a hole. Rings need not be closed |
+//! | `PFD` partfield | its name `C` names its boundary; its size `D` is compared with what is read |
+//! | `PLN` polygon | type `A`: 1 boundary, or without one 9 main field, as boundary; 3 water, 4 building, 6 obstacle and 12 windbreak as obstacle; others as area. In a boundary each `LSG` of type 1 is an outer ring, of type 2 a hole. A hole may be in another polygon of the partfield than the ring round it (terminals of CNH). In an obstacle every `LSG` is a ring. Rings need not be closed |
 //! | `GGP`, `GPN` guidance | type `C`: 1 A-B from the first to the last point; 2 A+ from its point in the direction `G` (degrees) for [`DIRECTED`] metres; 3 curve. 4 pivot and 5 spiral are left out |
-//! | `LSG` line string | in a partfield type 5 guidance; 3, 4, 6 to 9 as other lines |
-//! | `PNT` point | `C` latitude, `D` longitude, degrees |
+//! | `LSG` line string | in a partfield type 3 tram line, 4 sampling route and 5 guidance as lines; 7 fence and 9 obstacle as obstacle of the width `C` (mm) or of [`BARRIER`]; 6 drainage and 8 flag are left out |
+//! | `PNT` point | `C` latitude, `D` longitude, degrees; in a partfield type 5 as obstacle, others are left out |
 //! | `XFR` reference | the partfields of the part file (`XFC` at its top), if it is there |
 
 use roxmltree::{Document, Node};
 
-use super::{DIRECTED, Drawing, ReadError, Role};
+#[cfg(doc)]
+use super::BARRIER;
+use super::{DIRECTED, Drawing, ReadError, Role, Shape};
+use crate::field::Area;
 use crate::place::{Frame, Geodetic, Local, Origin};
 
 /// Reads the text of a file. Part files are left out.
@@ -64,7 +67,10 @@ fn parse(text: &str) -> Result<Document<'_>, ReadError> {
 /// The partfields of a part file. A part file has no part files.
 fn part_file(drawing: &mut Drawing, file: &str, text: Option<String>, line: Option<usize>) {
     let Some(text) = text else {
-        drawing.skip(format!("the part file {file}.XML: read it by itself"), line);
+        drawing.skip(
+            format!("the part file {file}.XML, which is not beside it"),
+            line,
+        );
         return;
     };
     match parse(&text) {
@@ -95,40 +101,146 @@ fn kind(node: Node, name: &str) -> u32 {
     kind.unwrap_or(0)
 }
 
+/// Share of its size by which a partfield may differ from what the file says of it: programs compute it in different planes.
+const DIFFERENCE: f64 = 0.02;
+
+/// Type of a polygon that is the edge of a partfield.
+const BOUNDARY: u32 = 1;
+/// Type of a polygon that is the edge without the headland.
+const MAIN_FIELD: u32 = 9;
+
 fn partfield(drawing: &mut Drawing, field: Node) {
-    let name = attribute(field, "C");
+    let name = drawing.begin_field(attribute(field, "C"));
+    let name = Some(name.as_str());
+    let before = drawing.shapes.len();
+    let polygons = || field.children().filter(|child| child.has_tag_name("PLN"));
+    let edge = match polygons().any(|polygon| kind(polygon, "A") == BOUNDARY) {
+        true => BOUNDARY,
+        false => MAIN_FIELD,
+    };
+    let mut rings = Rings::default();
+    for polygon in polygons().filter(|polygon| kind(*polygon, "A") == edge) {
+        rings.read(drawing, polygon);
+    }
+    rings.boundaries(drawing, name);
+    compare(drawing, field, before);
+    for polygon in polygons() {
+        match kind(polygon, "A") {
+            kind if kind == edge => {}
+            3 | 4 | 6 | 12 => obstacle(drawing, name, polygon),
+            _ => area(drawing, name, polygon),
+        }
+    }
     for child in field.children() {
         match child.tag_name().name() {
-            "PLN" => polygon(drawing, name, child),
             "GGP" => {
                 for pattern in child.children().filter(|child| child.has_tag_name("GPN")) {
                     let group = attribute(child, "B").or(name);
                     guidance(drawing, group, pattern);
                 }
             }
-            "LSG" => {
-                let name = attribute(child, "B").or(name);
-                let role = match kind(child, "A") {
-                    5 => Role::Guidance,
-                    _ => Role::Other,
-                };
-                if let Some(places) = places(drawing, child) {
-                    drawing.add_line(name, role, places);
-                }
-            }
-            "PNT" => drawing.skip("a point: lines and polygons are read", line(child)),
+            "LSG" => string(drawing, name, child),
+            "PNT" => point(drawing, name, child),
             _ => {}
         }
     }
+    drawing.end_field();
+}
+
+/// Notes that a partfield has another size than the file says.
+fn compare(drawing: &mut Drawing, field: Node, before: usize) {
+    let told = attribute(field, "D").and_then(|text| text.parse::<f64>().ok());
+    let Some(told) = told.filter(|told| *told > 0.0) else {
+        return;
+    };
+    let boundaries = drawing.shapes[before..].iter();
+    let boundaries = boundaries.filter(|named| named.role == Role::Boundary);
+    let sizes: Vec<[f64; 2]> = boundaries.map(|named| sizes(&named.shape)).collect();
+    // Programs count holes in or out.
+    let [with, without] =
+        [0, 1].map(|index: usize| sizes.iter().map(|sizes| sizes[index]).sum::<f64>());
+    let differs = |size: f64| (size - told).abs() > DIFFERENCE * told;
+    if with > 0.0 && differs(with) && differs(without) {
+        let name = attribute(field, "C").unwrap_or_default();
+        drawing.notes.push(format!(
+            "the file says that {name:?} has {told:.0} m2, and its boundary encloses {with:.0} m2"
+        ));
+    }
+}
+
+/// Size of a polygon with its holes and without them, m2.
+fn sizes(shape: &Shape) -> [f64; 2] {
+    let Shape::Polygon { outer, .. } = shape else {
+        return [0.0; 2];
+    };
+    let Some(place) = outer.first().copied() else {
+        return [0.0; 2];
+    };
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    Area::of(shape, &frame).map_or([0.0; 2], |area| {
+        [crate::polygon::area(&area.outer).abs(), area.size()]
+    })
+}
+
+/// A line string of a partfield.
+fn string(drawing: &mut Drawing, field: Option<&str>, string: Node) {
+    let name = attribute(string, "B").or(field);
+    let kind = kind(string, "A");
+    match kind {
+        3..=5 => {
+            if let Some(places) = places(drawing, string) {
+                drawing.add_line(name, Role::Guidance, places);
+            }
+        }
+        7 | 9 => {
+            let Some(places) = places(drawing, string) else {
+                lost_obstacle(drawing, string);
+                return;
+            };
+            let width = attribute(string, "C").and_then(|text| text.parse::<f64>().ok());
+            drawing.add_barrier(name, &places, width.map(|width| width / 1000.0));
+        }
+        6 => drawing.skip("a drain, which is no line to drive along", line(string)),
+        8 => drawing.skip("a flag, which is no line to drive along", line(string)),
+        _ => drawing.skip("a line string of an unknown purpose", line(string)),
+    }
+}
+
+/// A point of a partfield.
+fn point(drawing: &mut Drawing, field: Option<&str>, point: Node) {
+    if kind(point, "A") != 5 {
+        drawing.skip("a point that is no obstacle", line(point));
+        return;
+    }
+    match place(point) {
+        Some(place) => {
+            let name = attribute(point, "B").or(field);
+            drawing.add_barrier(name, &[place], None);
+        }
+        None => lost_obstacle(drawing, point),
+    }
+}
+
+/// Refuses the file for an obstacle without a place: without it a vehicle would be driven there.
+fn lost_obstacle(drawing: &mut Drawing, node: Node) {
+    drawing.damage(format!(
+        "an obstacle has a point that has no latitude C and longitude D{}",
+        at_line(node)
+    ));
+}
+
+fn at_line(node: Node) -> String {
+    line(node).map_or_else(String::new, |line| format!(" (line {line})"))
+}
+
+fn place(point: Node) -> Option<Geodetic> {
+    let angle = |name| attribute(point, name)?.parse::<f64>().ok();
+    Geodetic::checked(angle("C")?, angle("D")?)
 }
 
 /// The places of a line string; `None`, and counted, if one of them is none.
 fn places(drawing: &mut Drawing, string: Node) -> Option<Vec<Geodetic>> {
     let points = string.children().filter(|child| child.has_tag_name("PNT"));
-    let place = |point: Node| {
-        let angle = |name| attribute(point, name)?.parse::<f64>().ok();
-        Geodetic::checked(angle("C")?, angle("D")?)
-    };
     let places: Option<Vec<_>> = points.map(place).collect();
     if places.is_none() {
         drawing.skip(
@@ -139,58 +251,99 @@ fn places(drawing: &mut Drawing, string: Node) -> Option<Vec<Geodetic>> {
     places
 }
 
-fn polygon(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
-    let role = match kind(polygon, "A") {
-        1 | 9 => Role::Boundary,
-        3 | 4 | 6 => Role::Obstacle,
-        _ => Role::Other,
-    };
-    let name = attribute(polygon, "B").or(field);
-    let (mut outers, mut holes) = (Vec::new(), Vec::new());
-    for string in polygon.children().filter(|child| child.has_tag_name("LSG")) {
-        let Some(places) = places(drawing, string) else {
-            // Without one of its rings a field would be another, or lose an obstacle.
-            if matches!(role, Role::Boundary | Role::Obstacle) {
-                drawing.damage(format!(
-                    "a polygon has a ring with a point that has no latitude C and longitude D{}",
-                    line(string).map_or_else(String::new, |line| format!(" (line {line})"))
-                ));
-            }
-            continue;
-        };
-        match kind(string, "A") {
-            1 => outers.push(places),
-            2 => holes.push(places),
-            _ => drawing.skip(
-                "a line string of a polygon that is no ring of it",
-                line(string),
-            ),
+/// The places of a ring. Without one of its rings a field would be another, or lose an obstacle.
+fn ring(drawing: &mut Drawing, string: Node) -> Option<Vec<Geodetic>> {
+    let places = places(drawing, string);
+    if places.is_none() {
+        drawing.damage(format!(
+            "a polygon has a ring with a point that has no latitude C and longitude D{}",
+            at_line(string)
+        ));
+    }
+    places
+}
+
+fn strings<'a, 'input>(polygon: Node<'a, 'input>) -> impl Iterator<Item = Node<'a, 'input>> {
+    polygon.children().filter(|child| child.has_tag_name("LSG"))
+}
+
+/// The rings of a partfield's boundary, which may stand in several polygons.
+#[derive(Default)]
+struct Rings {
+    outers: Vec<Vec<Geodetic>>,
+    holes: Vec<Vec<Geodetic>>,
+}
+
+impl Rings {
+    fn read(&mut self, drawing: &mut Drawing, polygon: Node) {
+        let before = self.outers.len() + self.holes.len();
+        for string in strings(polygon) {
+            let rings = match kind(string, "A") {
+                1 => &mut self.outers,
+                2 => &mut self.holes,
+                _ => {
+                    drawing.skip(
+                        "a line string of a boundary that is no ring of it",
+                        line(string),
+                    );
+                    continue;
+                }
+            };
+            rings.extend(ring(drawing, string));
+        }
+        if self.outers.len() + self.holes.len() == before {
+            drawing.skip("a boundary without a ring", line(polygon));
         }
     }
-    // Version 3 has several outer rings in one polygon.
-    let count = outers.len();
-    for outer in outers {
-        let (inside, others) = match count {
-            1 => (holes, Vec::new()),
-            _ => holes.into_iter().partition(|hole| encloses(&outer, hole)),
-        };
-        drawing.add_polygon(name, role, outer, inside);
-        holes = others;
-    }
-    for _ in holes {
-        drawing.skip("a hole that is in no outer ring", line(polygon));
-    }
-    if count == 0 {
-        drawing.skip("a polygon without an outer ring", line(polygon));
+
+    /// Adds a boundary for each outer ring, with the holes in it. A hole beside them is an obstacle.
+    fn boundaries(self, drawing: &mut Drawing, name: Option<&str>) {
+        let Self { outers, mut holes } = self;
+        let several = outers.len() > 1;
+        for (number, outer) in (1..).zip(outers) {
+            let (inside, others) = holes.into_iter().partition(|hole| encloses(&outer, hole));
+            holes = others;
+            let part = name
+                .filter(|_| several)
+                .map(|name| format!("{name} {number}"));
+            drawing.add_polygon(part.as_deref().or(name), Role::Boundary, outer, inside);
+        }
+        for hole in holes {
+            drawing.add_polygon(name, Role::Obstacle, hole, Vec::new());
+        }
     }
 }
 
-/// True if the first corner of a hole is inside a ring.
+/// The rings of an obstacle, whatever types they have.
+fn obstacle(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
+    let name = attribute(polygon, "B").or(field);
+    let mut strings = strings(polygon).peekable();
+    if strings.peek().is_none() {
+        drawing.damage(format!("an obstacle has no ring{}", at_line(polygon)));
+    }
+    for string in strings {
+        if let Some(corners) = ring(drawing, string) {
+            drawing.add_polygon(name, Role::Obstacle, corners, Vec::new());
+        }
+    }
+}
+
+/// An area that is neither a boundary nor an obstacle.
+fn area(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
+    let name = attribute(polygon, "B").or(field);
+    for string in strings(polygon).filter(|string| kind(*string, "A") == 1) {
+        if let Some(corners) = places(drawing, string) {
+            drawing.add_polygon(name, Role::Other, corners, Vec::new());
+        }
+    }
+}
+
+/// True if a corner of a hole is inside a ring.
 fn encloses(outer: &[Geodetic], hole: &[Geodetic]) -> bool {
     let outer = super::flat(outer);
     let hole = super::flat(hole);
-    hole.first()
-        .is_some_and(|corner| crate::polygon::holds(&outer, *corner, 0.0))
+    hole.iter()
+        .any(|corner| crate::polygon::holds(&outer, *corner, 0.0))
 }
 
 fn guidance(drawing: &mut Drawing, group: Option<&str>, pattern: Node) {

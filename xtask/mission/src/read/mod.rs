@@ -18,11 +18,20 @@ pub mod isoxml;
 use std::fmt;
 use std::path::Path;
 
-use crate::place::{Frame, Geodetic, Local};
+use geo::buffer::{BufferStyle, LineCap, LineJoin};
+use geo::{Buffer as _, LineString};
+
+use crate::place::{Frame, Geodetic, Local, Origin};
 use crate::polygon;
 
 /// Length of a line of which a file has the beginning and the direction only, m.
 pub const DIRECTED: f64 = 100.0;
+
+/// Width of an obstacle of which a file has a point or a line only, m.
+pub const BARRIER: f64 = 1.0;
+
+/// Widths of obstacles that are lines or points, m: less is taken for this, more refused.
+const WIDTHS: [f64; 2] = [0.1, 100.0];
 
 /// Most characters of an error before it is cut.
 const LONGEST_SENTENCE: usize = 600;
@@ -42,6 +51,10 @@ pub struct Drawing {
     pub notes: Vec<String>,
     /// Why it cannot be used at all.
     damage: Option<String>,
+    /// The names of its partfields so far.
+    fields: Vec<String>,
+    /// The partfield that is being read.
+    field: Option<String>,
 }
 
 /// A shape and its name.
@@ -55,6 +68,8 @@ pub struct Named {
     pub shape: Shape,
     /// True if the file has only the beginning and the direction of a line: it is [`DIRECTED`] metres long then.
     pub directed: bool,
+    /// The partfield that it is of, in formats whose partfields have lines and obstacles of their own.
+    pub field: Option<String>,
 }
 
 /// Purpose of a shape.
@@ -181,7 +196,62 @@ impl Drawing {
             role,
             shape,
             directed: false,
+            field: self.field.clone(),
         });
+    }
+
+    /// Begins a partfield, to which all shapes belong until it ends. Returns its name, which no other partfield has.
+    fn begin_field(&mut self, name: Option<&str>) -> String {
+        let name = name.map_or_else(
+            || format!("partfield {}", self.fields.len() + 1),
+            str::to_owned,
+        );
+        let name = unique(&self.fields, name);
+        self.fields.push(name.clone());
+        self.field = Some(name.clone());
+        name
+    }
+
+    fn end_field(&mut self) {
+        self.field = None;
+    }
+
+    /// An obstacle along a line or at a point, `width` metres wide, or [`BARRIER`] if that is not known.
+    fn add_barrier(&mut self, name: Option<&str>, places: &[Geodetic], width: Option<f64>) {
+        let Some(first) = places.first().copied() else {
+            self.skip("an obstacle without a place", None);
+            return;
+        };
+        let known = width.filter(|width| width.is_finite() && *width > 0.0);
+        let [least, most] = WIDTHS;
+        if let Some(width) = known.filter(|width| *width > most) {
+            self.damage(format!(
+                "an obstacle is {width} m wide, and up to {most} m are accepted"
+            ));
+            return;
+        }
+        if known.is_none() {
+            let name = name.unwrap_or_default();
+            self.notes.push(format!(
+                "the obstacle {name:?} is a point or a line without a width: it is made {BARRIER} m wide"
+            ));
+        }
+        let frame = Frame::new(Origin {
+            place: first,
+            height: 0.0,
+        });
+        let half = 0.5 * known.map_or(BARRIER, |width| width.max(least));
+        for band in bands(
+            &places
+                .iter()
+                .map(|place| frame.local(*place))
+                .collect::<Vec<_>>(),
+            half,
+        ) {
+            let outer = band.iter().map(|corner| frame.geodetic(*corner)).collect();
+            let holes = Vec::new();
+            self.add(name, Role::Obstacle, Shape::Polygon { outer, holes });
+        }
     }
 
     /// A line of which the file has the beginning and the direction only.
@@ -203,7 +273,8 @@ impl Drawing {
         }
     }
 
-    /// An area; without three different corners it is skipped, and so are its holes.
+    /// An area; without three different corners it is skipped, and so are its holes. An obstacle or a hole of fewer corners is
+    /// kept as a point or a line.
     fn add_polygon(
         &mut self,
         name: Option<&str>,
@@ -211,16 +282,29 @@ impl Drawing {
         outer: Vec<Geodetic>,
         holes: Vec<Vec<Geodetic>>,
     ) {
-        let Some(outer) = ring(outer) else {
-            self.skip("an area of fewer than three corners", None);
-            return;
+        let outer = match ring(outer) {
+            Ok(outer) => outer,
+            Err(corners) if role == Role::Obstacle => {
+                self.add_barrier(name, &corners, None);
+                return;
+            }
+            Err(_) => {
+                self.skip("an area of fewer than three corners", None);
+                return;
+            }
         };
-        let all = holes.len();
-        let holes: Vec<_> = holes.into_iter().filter_map(ring).collect();
-        for _ in holes.len()..all {
-            self.skip("a hole of fewer than three corners", None);
+        let (mut rings, mut thin) = (Vec::new(), Vec::new());
+        for hole in holes {
+            match ring(hole) {
+                Ok(hole) => rings.push(hole),
+                Err(corners) => thin.push(corners),
+            }
         }
+        let holes = rings;
         self.add(name, role, Shape::Polygon { outer, holes });
+        for corners in thin {
+            self.add_barrier(name, &corners, None);
+        }
     }
 
     /// Makes boundaries that lie inside a larger one obstacles of the smallest such one: for formats in which an area has no holes.
@@ -289,10 +373,16 @@ impl Drawing {
         self.shapes = kept.into_iter().flatten().collect();
     }
 
-    /// The drawing, if there is something in it.
-    fn finish(self) -> Result<Self, ReadError> {
+    /// The drawing, if there is something in it. Each boundary has a name of its own then.
+    fn finish(mut self) -> Result<Self, ReadError> {
         if let Some(why) = self.damage {
             return Err(ReadError::new(why));
+        }
+        let mut names = Vec::new();
+        let boundaries = self.shapes.iter_mut();
+        for named in boundaries.filter(|named| named.role == Role::Boundary) {
+            named.name = unique(&names, std::mem::take(&mut named.name));
+            names.push(named.name.clone());
         }
         if !self.shapes.is_empty() {
             return Ok(self);
@@ -329,13 +419,61 @@ fn no_place(latitude: f64, longitude: f64) -> String {
     )
 }
 
-/// Corners of a ring without repetitions and without the first one at the end; `None` for fewer than three.
-fn ring(mut places: Vec<Geodetic>) -> Option<Vec<Geodetic>> {
+/// Corners of a ring without repetitions and without the first one at the end.
+///
+/// # Errors
+/// There are fewer than three, which these are.
+fn ring(mut places: Vec<Geodetic>) -> Result<Vec<Geodetic>, Vec<Geodetic>> {
     places.dedup();
     while places.len() > 1 && places.first() == places.last() {
         places.pop();
     }
-    (places.len() >= 3).then_some(places)
+    if places.len() < 3 {
+        return Err(places);
+    }
+    Ok(places)
+}
+
+/// A name that none of the others is: itself, or with a number behind it.
+fn unique(others: &[String], name: String) -> String {
+    let mut number = 1;
+    let mut different = name.clone();
+    while others.contains(&different) {
+        number += 1;
+        different = format!("{name} ({number})");
+    }
+    different
+}
+
+/// Rings round a line or a point, `half` metres from it. A line that leads round a place has several: none of them encloses
+/// more than the line.
+fn bands(line: &[Local], half: f64) -> Vec<Vec<Local>> {
+    let square = |at: Local| {
+        let corner = |(north, east): (f64, f64)| Local::new(at.north + north, at.east + east);
+        [(-half, -half), (-half, half), (half, half), (half, -half)]
+            .map(corner)
+            .to_vec()
+    };
+    match *line {
+        [] => return Vec::new(),
+        [at] => return vec![square(at)],
+        [from, ..] if line.iter().all(|place| *place == from) => return vec![square(from)],
+        _ => {}
+    }
+    let style = BufferStyle::new(half)
+        .line_join(LineJoin::Miter(2.0))
+        .line_cap(LineCap::Square);
+    let string: LineString = line.iter().copied().map(polygon::coord).collect();
+    let parts = string.buffer_with_style(style);
+    let closed = parts.iter().any(|band| !band.interiors().is_empty());
+    if closed && line.len() > 2 {
+        let (one, other) = (&line[..=line.len() / 2], &line[line.len() / 2..]);
+        return [bands(one, half), bands(other, half)].concat();
+    }
+    parts
+        .iter()
+        .map(|band| polygon::corners(band.exterior()))
+        .collect()
 }
 
 /// The text of a file: UTF-8, or UTF-16 with a byte-order mark; without that mark, and with replacement characters
@@ -379,13 +517,7 @@ pub fn path(path: &Path, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
                 .is_some_and(|name| name.eq_ignore_ascii_case("TASKDATA.XML"))
         };
         if let Some(file) = task_data.find(|path| is_task_data(path)) {
-            let part = |name: &str| {
-                // A name of the file, not a way to another folder.
-                let plain = name.chars().all(|c| c.is_ascii_alphanumeric());
-                let file = path.join(format!("{name}.XML"));
-                let bytes = plain.then(|| std::fs::read(file).ok()).flatten();
-                bytes.map(|bytes| text(&bytes))
-            };
+            let part = |name: &str| part_file(path, name);
             return isoxml::read_parts(&read(&file)?, &part).map_err(|error| name(&error));
         }
         return agopengps::folder(path).map_err(|error| name(&error));
@@ -397,11 +529,29 @@ pub fn path(path: &Path, frame: Option<&Frame>) -> Result<Drawing, ReadError> {
     match ending.to_ascii_lowercase().as_str() {
         "geojson" | "json" => geojson::read(&read(path)?),
         "csv" | "tsv" => csv::read(&read(path)?, frame),
-        "xml" => isoxml::read(&read(path)?),
+        "xml" => {
+            let folder = path.parent().unwrap_or(Path::new("."));
+            isoxml::read_parts(&read(path)?, &|name| part_file(folder, name))
+        }
         _ => Err(ReadError::new(
             "the ending of its name tells no format: .geojson, .json, .csv, .tsv, .xml, the folder of an AgOpenGPS field and \
              that of a TASKDATA.XML are accepted",
         )),
     }
     .map_err(|error| name(&error))
+}
+
+/// The text of an ISOXML part file by its name without the ending, if it is there.
+fn part_file(folder: &Path, name: &str) -> Option<String> {
+    // A name of the file, not a way to another folder.
+    if !name.chars().all(|c| c.is_ascii_alphanumeric()) {
+        return None;
+    }
+    let endings = ["XML", "xml"];
+    let mut files = endings
+        .map(|ending| folder.join(format!("{name}.{ending}")))
+        .into_iter();
+    files
+        .find_map(|file| std::fs::read(file).ok())
+        .map(|bytes| text(&bytes))
 }

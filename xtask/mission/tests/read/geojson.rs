@@ -52,7 +52,7 @@ fn a_collection_of_features() {
             "a line of fewer than two places",
             "an area of fewer than three corners",
             "a feature without a geometry",
-            "a point: lines and polygons are read",
+            "a point that is no obstacle",
             "a shape whose coordinates are not longitude and latitude in degrees: latitude 5650000, longitude 412000 is no \
              place of the earth, -90 to 90 and -180 to 180 degrees are accepted",
             "a geometry that is not one of RFC 7946",
@@ -72,6 +72,59 @@ fn geometries_alone_and_in_a_collection() {
     let feature =
         format!(r#"{{"type":"Feature","properties":{{"label":" x "}},"geometry":{line}}}"#);
     assert_eq!(read(&feature).unwrap().shapes[0].name, "x");
+}
+
+#[test]
+fn features_can_be_obstacles() {
+    let feature = |properties: &str, geometry: &str| {
+        format!(r#"{{"type":"Feature","properties":{{{properties}}},"geometry":{geometry}}}"#)
+    };
+    let polygon = r#"{"type":"Polygon","coordinates":[[[7,51],[7.001,51],[7.001,51.001],[7,51]]]}"#;
+    let line = r#"{"type":"LineString","coordinates":[[7,51],[7,51.001]]}"#;
+    let point = r#"{"type":"MultiPoint","coordinates":[[7,51],[7,51.001]]}"#;
+    let all = |features: &[String]| {
+        let features = features.join(",");
+        read(&format!(
+            r#"{{"type":"FeatureCollection","features":[{features}]}}"#
+        ))
+    };
+    let drawing = all(&[
+        feature(r#""name":"field","obstacle":false"#, polygon),
+        feature(r#""name":"pond","Obstacle":true"#, polygon),
+        feature(r#""name":"wall","kind":"obstacle","width":0.4"#, line),
+        feature(r#""name":"trees","type":"Obstacle""#, point),
+        feature(r#""name":"way","kind":"track""#, line),
+    ])
+    .unwrap();
+    assert_eq!(
+        outline(&drawing),
+        [
+            ("field", Role::Boundary, vec![3]),
+            ("pond", Role::Obstacle, vec![3]),
+            ("wall", Role::Obstacle, vec![4]),
+            ("trees", Role::Obstacle, vec![4]),
+            ("trees", Role::Obstacle, vec![4]),
+            ("way", Role::Guidance, vec![2]),
+        ]
+    );
+    // The points have no width.
+    let note = r#"the obstacle "trees" is a point or a line without a width: it is made 1 m wide"#;
+    assert_eq!(drawing.notes, [note, note]);
+    for (geometry, why) in [
+        ("null", "an obstacle has no geometry"),
+        (
+            r#"{"type":"Circle"}"#,
+            "an obstacle has a geometry that is not one of RFC 7946",
+        ),
+        (
+            r#"{"type":"Point","coordinates":[412000,5650000]}"#,
+            "it has an obstacle whose coordinates",
+        ),
+    ] {
+        let features = [feature("", polygon), feature(r#""obstacle":1"#, geometry)];
+        let refused = all(&features).unwrap_err().to_string();
+        assert!(refused.starts_with(why), "{refused}");
+    }
 }
 
 #[test]

@@ -41,7 +41,7 @@ fn a_partfield() {
         [
             ("Home", Role::Boundary, vec![4, 3]),
             ("pond", Role::Obstacle, vec![3]),
-            ("tram", Role::Other, vec![2]),
+            ("tram", Role::Guidance, vec![2]),
             ("free", Role::Guidance, vec![2]),
             ("A-B", Role::Guidance, vec![2]),
             ("group", Role::Guidance, vec![2]),
@@ -51,8 +51,8 @@ fn a_partfield() {
     assert_eq!(
         skipped(&drawing),
         [
-            "the part file PFD00001.XML: read it by itself (line 3)",
-            "a point: lines and polygons are read (line 14)",
+            "the part file PFD00001.XML, which is not beside it (line 3)",
+            "a point that is no obstacle (line 14)",
             "a pivot, which is no line (line 19)",
             "a spiral (line 20)",
             "a line string with a point that has no latitude C and longitude D (line 21)",
@@ -129,14 +129,200 @@ fn version_3_has_several_outer_rings_in_a_polygon() {
     assert_eq!(
         outline(&drawing),
         [
-            ("boundary 1", Role::Boundary, vec![3]),
-            ("boundary 2", Role::Boundary, vec![3, 3])
+            ("partfield 1 1", Role::Boundary, vec![3]),
+            ("partfield 1 2", Role::Boundary, vec![3, 3]),
+            // A hole in neither of them.
+            ("partfield 1", Role::Obstacle, vec![3]),
         ]
     );
+    assert!(drawing.skipped.is_empty(), "{:?}", drawing.skipped);
+}
+
+/// A line string, polygon or point with places in units of 10^-5 degrees from a corner of the field.
+fn string(attributes: &str, places: &[(u32, u32)]) -> String {
+    let point = |(north, east): &(u32, u32)| {
+        let angle = |from: f64, steps: u32| from + 1e-5 * f64::from(steps);
+        format!(
+            "<PNT A=\"2\" C=\"{:.5}\" D=\"{:.5}\"/>",
+            angle(51.0, *north),
+            angle(7.0, *east)
+        )
+    };
+    let points: String = places.iter().map(point).collect();
+    format!("<LSG {attributes}>{points}</LSG>")
+}
+
+const EDGE: [(u32, u32); 4] = [(0, 0), (0, 200), (200, 200), (200, 0)];
+
+fn partfield(name: &str, parts: &str) -> String {
+    let edge = string("A=\"1\"", &EDGE);
+    format!("<PFD A=\"PFD1\" C=\"{name}\"><PLN A=\"1\">{edge}</PLN>{parts}</PFD>")
+}
+
+fn task_data(parts: &str) -> String {
+    format!("<ISO11783_TaskData>{parts}</ISO11783_TaskData>")
+}
+
+/// Terminals of CNH write each hole as a boundary of its own, and the ring of an obstacle with another type than that of an outer ring.
+#[test]
+fn holes_and_obstacles_stand_where_terminals_write_them() {
+    let hole = string("A=\"2\"", &[(50, 50), (50, 60), (60, 60)]);
+    let pond = string("A=\"9\"", &[(90, 90), (90, 99), (99, 99)]);
+    let trees = string("A=\"1\"", &[(120, 120), (120, 130), (130, 130)]);
+    let text = task_data(&partfield(
+        "Home",
+        &format!(
+            "<PLN A=\"1\">{hole}</PLN><PLN A=\"6\" B=\"pond\">{pond}</PLN><PLN A=\"12\" B=\"trees\">{trees}</PLN>"
+        ),
+    ));
+    let drawing = read(&text).unwrap();
     assert_eq!(
-        skipped(&drawing),
-        ["a hole that is in no outer ring (line 1)"]
+        outline(&drawing),
+        [
+            ("Home", Role::Boundary, vec![4, 3]),
+            ("pond", Role::Obstacle, vec![3]),
+            ("trees", Role::Obstacle, vec![3]),
+        ]
     );
+    assert!(drawing.skipped.is_empty(), "{:?}", drawing.skipped);
+}
+
+/// The obstacles of the drawing's only field in metres from its first corner.
+fn obstacles(parts: &str) -> Vec<Vec<mission::place::Local>> {
+    let drawing = read(&task_data(&partfield("Home", parts))).unwrap();
+    let place = at(51.0, 7.0);
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    assert!(
+        drawing
+            .shapes
+            .iter()
+            .all(|named| named.role != Role::Guidance)
+    );
+    mission::field::areas(&drawing, &frame)[0].1.holes.clone()
+}
+
+#[test]
+fn lines_and_points_can_be_obstacles() {
+    use mission::place::Local;
+    let holds = |ring: &[Local], north: f64, east: f64| {
+        mission::polygon::holds(ring, Local::new(north, east), 0.0)
+    };
+    // 1e-5 degrees are 1.1124 m north, and 0.7019 m east.
+    let (step_north, step_east) = (1.1124, 0.7019);
+    let point = "<PNT A=\"5\" B=\"pole\" C=\"51.001\" D=\"7.001\"/>";
+    let [pole] = &obstacles(point)[..] else {
+        panic!()
+    };
+    let (north, east) = (100.0 * step_north, 100.0 * step_east);
+    for aside in [-0.45, 0.45] {
+        assert!(holds(pole, north + aside, east) && holds(pole, north, east + aside));
+    }
+    assert!(!holds(pole, north + 0.55, east) && !holds(pole, north, east - 0.55));
+
+    // A fence of no width is 1 m wide, and a hedge as wide as the file says.
+    for (attributes, half) in [
+        ("A=\"7\"", 0.5),
+        ("A=\"7\" C=\"0\"", 0.5),
+        ("A=\"9\" C=\"4000\"", 2.0),
+    ] {
+        let line = string(attributes, &[(50, 20), (50, 100), (90, 100)]);
+        let [band] = &obstacles(&line)[..] else {
+            panic!()
+        };
+        for east in [21.0, 60.0, 99.0] {
+            let (north, east) = (50.0 * step_north, east * step_east);
+            for aside in [-half + 0.05, half - 0.05] {
+                assert!(holds(band, north + aside, east), "{north} {east} {aside}");
+            }
+            assert!(!holds(band, north - half - 0.05, east));
+        }
+    }
+
+    // A fence round a yard leaves the yard free. It may stand in the boundary, and reach beyond the field.
+    let round = [(20, 20), (20, 60), (60, 60), (60, 20), (20, 20)];
+    let yard = obstacles(&string("A=\"7\"", &round));
+    assert!(
+        !yard
+            .iter()
+            .any(|band| holds(band, 40.0 * step_north, 40.0 * step_east))
+    );
+    for (north, east) in round {
+        let at = (f64::from(north) * step_north, f64::from(east) * step_east);
+        assert!(yard.iter().any(|band| holds(band, at.0, at.1)), "{at:?}");
+    }
+    let across = obstacles(&string("A=\"9\"", &[(100, 0), (100, 300)]));
+    assert_eq!(across.len(), 1);
+
+    // Rings of too few corners are points and lines.
+    let thin = format!(
+        "<PLN A=\"6\">{}</PLN><PLN A=\"1\">{}</PLN>",
+        string("A=\"1\"", &[(50, 50), (50, 60), (50, 50)]),
+        string("A=\"2\"", &[(90, 90)])
+    );
+    assert_eq!(obstacles(&thin).len(), 2);
+}
+
+#[test]
+fn an_obstacle_without_a_place_is_refused() {
+    let bad = "<PNT A=\"2\" C=\"51\"/>";
+    for (obstacle, why) in [
+        (
+            format!("<LSG A=\"9\">{bad}</LSG>"),
+            "an obstacle has a point that has no latitude",
+        ),
+        (
+            "<PNT A=\"5\" C=\"51\"/>".into(),
+            "an obstacle has a point that has no latitude",
+        ),
+        (
+            format!("<PLN A=\"6\"><LSG A=\"9\">{bad}</LSG></PLN>"),
+            "a polygon has a ring with a point",
+        ),
+        ("<PLN A=\"6\"/>".into(), "an obstacle has no ring"),
+        (
+            string("A=\"9\" C=\"4e9\"", &[(10, 10), (20, 20)]),
+            "an obstacle is 4000000 m wide, and up to 100 m are accepted",
+        ),
+    ] {
+        let refused = read(&task_data(&partfield("Home", &obstacle))).unwrap_err();
+        assert!(refused.to_string().contains(why), "{refused}");
+    }
+}
+
+#[test]
+fn fields_have_names_and_lines_of_their_own() {
+    let line = string("A=\"5\" B=\"A-B\"", &[(10, 10), (100, 10)]);
+    let two = [partfield("Home", &line), partfield("Home", "")].concat();
+    let drawing = read(&task_data(&two)).unwrap();
+    let fields = drawing.shapes.iter();
+    let fields: Vec<_> = fields
+        .map(|named| (named.name.as_str(), named.field.as_deref().unwrap()))
+        .collect();
+    assert_eq!(
+        fields,
+        [("Home", "Home"), ("A-B", "Home"), ("Home (2)", "Home (2)")]
+    );
+}
+
+/// Programs compute the size in different planes and count holes in or out; a corner that is missing makes more.
+#[test]
+fn a_field_of_another_size_than_the_file_says_is_told() {
+    let hole = string("A=\"2\"", &[(20, 20), (20, 120), (120, 120), (120, 20)]);
+    let text = partfield("Home", &format!("<PLN A=\"1\">{hole}</PLN>"));
+    let notes = |size: u32| {
+        let text = text.replace("C=\"Home\"", &format!("C=\"Home\" D=\"{size}\""));
+        read(&task_data(&text)).unwrap().notes
+    };
+    // 222.48 m by 140.38 m, and a quarter of that.
+    for fitting in [31_232, 31_700, 23_424, 0] {
+        assert_eq!(notes(fitting), [""; 0], "{fitting}");
+    }
+    let [note] = &notes(27_000)[..] else { panic!() };
+    let (_, encloses) = note
+        .split_once("\"Home\" has 27000 m2, and its boundary encloses ")
+        .unwrap();
+    let size: f64 = encloses.trim_end_matches(" m2").parse().unwrap();
+    assert!((size - 31_232.0).abs() < 10.0, "{note}");
 }
 
 #[test]
@@ -170,8 +356,8 @@ fn hopeless_files_are_refused_in_a_sentence() {
     );
     assert_eq!(
         refused("<ISO11783_TaskData><XFR A=\"PFD00001\" B=\"1\"/></ISO11783_TaskData>"),
-        "there is no line, curve or boundary in this ISOXML file; left out: the part file PFD00001.XML: read it by itself \
-         (line 1)"
+        "there is no line, curve or boundary in this ISOXML file; left out: the part file PFD00001.XML, which is not beside \
+         it (line 1)"
     );
 }
 
