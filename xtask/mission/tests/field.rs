@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use mission::field::{
     self, Area, Direction, Ends, Field, FieldError, Headland, Options, Order, Work, divide,
 };
-use mission::place::{Local, Origin};
+use mission::place::{Frame, Geodetic, Local, Origin};
 use mission::plan::{End, Outputs};
 use mission::polygon;
 use proptest::prelude::*;
@@ -41,6 +41,126 @@ fn apart(field: &Field) -> Vec<usize> {
     pairs
         .map(|pair| pair[0].track.abs_diff(pair[1].track))
         .collect()
+}
+
+/// A drawing of a boundary and obstacles, in a frame whose origin is their middle.
+fn with_obstacles(outer: &[Local], obstacles: &[Vec<Local>]) -> (Vec<(String, Area)>, Frame) {
+    let place = Geodetic {
+        latitude: 51.0,
+        longitude: 7.0,
+    };
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    let position = |at: &Local| {
+        let place = frame.geodetic(*at);
+        format!("[{},{}]", place.longitude, place.latitude)
+    };
+    let feature = |ring: &[Local], obstacle: bool| {
+        let corners: Vec<String> = ring.iter().chain(ring.first()).map(position).collect();
+        format!(
+            r#"{{"type":"Feature","properties":{{"obstacle":{obstacle}}},"geometry":{{"type":"Polygon","coordinates":[[{}]]}}}}"#,
+            corners.join(",")
+        )
+    };
+    let features: Vec<String> = std::iter::once(feature(outer, false))
+        .chain(obstacles.iter().map(|ring| feature(ring, true)))
+        .collect();
+    let text = format!(
+        r#"{{"type":"FeatureCollection","features":[{}]}}"#,
+        features.join(",")
+    );
+    let drawing = mission::read::geojson::read(&text).unwrap();
+    (field::areas(&drawing, &frame), frame)
+}
+
+/// The length of swaths inside rings, m.
+fn inside(swaths: &[field::Swath], rings: &[Vec<Local>]) -> f64 {
+    let steps = swaths.iter().flat_map(|swath| {
+        let count = swath.length().ceil();
+        (0..=count as usize).map(move |step| swath.from.between(swath.to, step as f64 / count))
+    });
+    steps
+        .filter(|at| rings.iter().any(|ring| polygon::holds(ring, *at, 0.0)))
+        .count() as f64
+}
+
+/// Programs draw rings in either direction, and people draw them twice, through each other, and one in the other.
+#[test]
+fn no_obstacle_is_lost_to_another_one() {
+    let square = |middle: (f64, f64), half: f64, turned: bool| {
+        let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)];
+        let corner = |(north, east)| Local::new(middle.0 + north * half, middle.1 + east * half);
+        let mut ring = corners.map(corner).to_vec();
+        if turned {
+            ring.reverse();
+        }
+        ring
+    };
+    let bow = ring(&[(-20.0, -20.0), (20.0, 20.0), (20.0, -20.0), (-20.0, 20.0)]);
+    let lobes = [
+        ring(&[(-20.0, -20.0), (0.0, 0.0), (-20.0, 20.0)]),
+        ring(&[(20.0, 20.0), (0.0, 0.0), (20.0, -20.0)]),
+    ];
+    let (left, right) = ((-30.0, -30.0), (30.0, 30.0));
+    let cases = [
+        (
+            vec![square(left, 10.0, false), square(right, 10.0, true)],
+            None,
+        ),
+        (
+            vec![square(left, 10.0, true), square(left, 10.0, false)],
+            None,
+        ),
+        (
+            vec![square(left, 20.0, true), square(left, 10.0, false)],
+            None,
+        ),
+        (
+            vec![
+                square(left, 20.0, false),
+                square((-20.0, -20.0), 20.0, true),
+            ],
+            None,
+        ),
+        (vec![bow], Some(lobes.to_vec())),
+    ];
+    for turned in [false, true] {
+        for (obstacles, covered) in &cases {
+            let (areas, _) = with_obstacles(&square((0.0, 0.0), 100.0, turned), obstacles);
+            let area = &areas[0].1;
+            let field = divide(area, &Options::new(3.0)).unwrap();
+            let covered = covered.as_ref().unwrap_or(obstacles);
+            let open = field::left_open(covered, &field.area.outer, &field.area.holes);
+            assert!(open < 1e-3, "{open} m2 of {covered:?}");
+            assert_eq!(inside(&field.swaths, covered), 0.0, "{covered:?}");
+        }
+    }
+}
+
+/// Whoever has joined a hole to the edge by a way there and back means either.
+#[test]
+fn a_hole_that_is_joined_to_the_edge_is_doubtful() {
+    let edge = [(0.0, 0.0), (0.0, 100.0), (100.0, 100.0), (100.0, 0.0)];
+    let hole = [
+        (40.0, 40.0),
+        (40.0, 60.0),
+        (60.0, 60.0),
+        (60.0, 40.0),
+        (40.0, 40.0),
+    ];
+    let with = |turned: bool| {
+        let mut hole = hole.to_vec();
+        if turned {
+            hole.reverse();
+        }
+        let joined = [&edge[..], &edge[..1], &hole].concat();
+        divide(&area(&joined, &[]), &Options::new(3.0)).unwrap()
+    };
+    let coverage = with(true).coverage;
+    assert!(
+        (coverage.field - 9600.0).abs() < 1.0 && coverage.lost < 1.0,
+        "{coverage:?}"
+    );
+    assert!((with(false).coverage.lost - 400.0).abs() < 1.0);
 }
 
 /// Both halves of a bow tie have the same area, and only one of them becomes the field.
@@ -521,6 +641,43 @@ fn the_headland_is_driven_in_rounds() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Rings of both directions, anywhere, over each other and over the edge.
+    #[test]
+    fn obstacles_are_kept(
+        rings in prop::collection::vec(
+            ((-90.0..90.0, -90.0..90.0), (2.0..40.0, 2.0..40.0), any::<bool>()),
+            1..6,
+        ),
+    ) {
+        let edge = ring(&[(-80.0, -80.0), (-80.0, 80.0), (80.0, 80.0), (80.0, -80.0)]);
+        let rings: Vec<Vec<Local>> = rings
+            .into_iter()
+            .map(|((north, east), (high, wide), turned)| {
+                let mut corners = vec![
+                    (north, east), (north, east + wide), (north + high, east + wide), (north + high, east),
+                ];
+                if turned {
+                    corners.reverse();
+                }
+                ring(&corners)
+            })
+            .collect();
+        let (areas, _) = with_obstacles(&edge, &rings);
+        if let Ok(field) = divide(&areas[0].1, &Options::new(4.0)) {
+            let open = field::left_open(&rings, &field.area.outer, &field.area.holes);
+            prop_assert!(open < 1e-3, "{}", open);
+            // A centimetre at their edges is rounding.
+            let within: Vec<Vec<Local>> = rings
+                .iter()
+                .map(|ring| {
+                    let middle = ring[0].between(ring[2], 0.5);
+                    ring.iter().map(|at| middle.between(*at, 0.99)).collect()
+                })
+                .collect();
+            prop_assert_eq!(inside(&field.swaths, &within), 0.0);
+        }
+    }
 
     #[test]
     fn stars_are_covered(

@@ -24,6 +24,15 @@ use crate::{
 /// Distance between the points of a curve whose noise is taken out, m.
 const SPACING: f64 = 1.0;
 
+/// Least area of another boundary in a field that is told, m2: neighbours overlap a little.
+const LEAST_TOLD: f64 = 1.0;
+
+/// How far from the lines obstacles are kept where there is no fence, m: turns lead no farther.
+const BESIDE: f64 = 100.0;
+
+/// Largest part of a hole that may be in no obstacle because of rounding, m2.
+const ROUNDING: f64 = 1e-3;
+
 /// Share of a field that may be lost because its edge crosses itself: boundaries that were walked have small loops.
 const LOST: f64 = 0.01;
 
@@ -156,6 +165,12 @@ impl Wanted<'_> {
             .area()?
             .ok_or("it has no boundary of a field: --lines takes its lines")?;
         self.tell_inside(&found, &area);
+        let lines = self.drawing.shapes.iter().filter(|named| is_line(named));
+        match lines.count() {
+            0 => {}
+            1 => eprintln!("note: its line is not used: --lines drives along it"),
+            count => eprintln!("note: its {count} lines are not used: --lines drives along them"),
+        }
         let divided = field::Options {
             headland: self.headland(),
             direction: match options.direction {
@@ -175,12 +190,20 @@ impl Wanted<'_> {
             ..field::Options::new(options.width)
         };
         let name = options.name.clone().unwrap_or(found);
+        // Swaths keep clear of the obstacles as they are in the mission, which may be larger.
+        let holes = area.holes;
+        let obstacles = told(obstacles(&holes)?);
+        let area = Area {
+            holes: obstacles.clone(),
+            ..area
+        };
         let field = divided_once(&area, &divided);
         let field = self.without_crossings(&area, field)?;
         let edge = Edge {
             fence: told(fence_of(&field.area.outer)?),
-            obstacles: told(obstacles(&field.area.holes)?),
+            obstacles,
         };
+        edge.covers(&holes)?;
         let usual = self.planned(&name, &field, &edge);
         let Err(why) = self.drivable(&usual) else {
             return Ok((usual, field));
@@ -203,14 +226,21 @@ impl Wanted<'_> {
         Ok((usual, field))
     }
 
-    /// Notes boundaries inside the field: they may be parts of it, or ponds.
+    /// Notes boundaries that reach into the field: they may be parts of it, or ponds.
     fn tell_inside(&self, field: &str, area: &Area) {
         for (name, other) in field::areas(self.drawing, &self.frame) {
-            let inside = |corner: &Local| polygon::holds(&area.outer, *corner, 0.0);
-            if name != field && other.outer.iter().all(inside) {
+            if name == field || !field::touch(&area.outer, &other.outer) {
+                continue;
+            }
+            let in_holes: f64 = area
+                .holes
+                .iter()
+                .map(|hole| field::shared(hole, &other.outer))
+                .sum();
+            if field::shared(&area.outer, &other.outer) - in_holes > LEAST_TOLD {
                 eprintln!(
-                    "note: {name:?} lies inside {field:?} and is driven over; a hole of the boundary, or a shape that its file calls an \
-                     obstacle, is not"
+                    "note: {name:?} reaches into {field:?} and is driven over; a hole of the boundary, or a shape that its file calls \
+                     an obstacle, is not"
                 );
             }
         }
@@ -252,7 +282,7 @@ impl Wanted<'_> {
                 eprintln!(
                     "note: obstacles divide the field; {:.1} m2 of {:.0} m2 are not in its largest part and are left out",
                     field.coverage.lost,
-                    area.size()
+                    field.coverage.field + field.coverage.lost
                 );
             }
             return field;
@@ -300,9 +330,14 @@ impl Wanted<'_> {
         let field = match self.options.field.as_deref() {
             None => fields.first().copied().flatten(),
             Some(wanted) => {
+                let shapes = self.drawing.shapes.iter();
+                let of_field = shapes.map(|named| named.field.as_deref());
                 let boundary = boundaries().find(|named| named.name == wanted);
-                let field = boundary.and_then(|named| named.field.as_deref());
-                Some(field.unwrap_or(wanted))
+                let of_boundary = boundary.and_then(|named| named.field.as_deref());
+                match of_field.clone().any(|field| field == Some(wanted)) {
+                    true => Some(wanted),
+                    false => Some(of_boundary.unwrap_or(wanted)),
+                }
             }
         };
         if !fields.contains(&field) {
@@ -334,7 +369,14 @@ impl Wanted<'_> {
         let lines = self.drawing.shapes.iter().filter(|named| is_line(named));
         let mut shapes = Vec::new();
         for named in lines.filter(|named| named.field == field) {
-            shapes.extend(self.shape(named, area.as_ref().map(|(_, area)| area))?);
+            let Some(shape) = self.shape(named, area.as_ref().map(|(_, area)| area))? else {
+                continue;
+            };
+            // Of a field that the command line names, without the lines of its neighbours.
+            let reaches = |(_, area): &NamedArea| field::reaches(&area.outer, &shape.points());
+            if self.options.field.is_none() || area.as_ref().is_none_or(reaches) {
+                shapes.push(shape);
+            }
         }
         if shapes.is_empty() {
             return Err("it has no line".into());
@@ -349,14 +391,7 @@ impl Wanted<'_> {
                 );
             }
         }
-        let around = field::obstacles(self.drawing, field.as_deref(), &self.frame);
-        let edge = match area {
-            Some((name, area)) => enclosing(&name, &area, around, &shapes, self.options.no_fence)?,
-            None => Edge {
-                obstacles: told(obstacles(&around)?),
-                ..Edge::default()
-            },
-        };
+        let edge = self.round_lines(area, &shapes)?;
         let leg = |shape| Leg {
             shape,
             speed: self.speed,
@@ -373,6 +408,66 @@ impl Wanted<'_> {
             legs: shapes.into_iter().map(leg).collect(),
             end: End::Stop,
         })
+    }
+
+    /// The boundary as the fence of lines, if they lie in it. Its obstacles stay in any case, and without a fence all those near the lines: a
+    /// line through one is refused.
+    fn round_lines(&self, area: Option<NamedArea>, shapes: &[Shape]) -> Result<Edge, String> {
+        let Some((name, area)) = area else {
+            return self.unfenced(shapes);
+        };
+        self.tell_inside(&name, &area);
+        if self.options.no_fence {
+            return self.unfenced(shapes);
+        }
+        let fence = told(fence_of(&area.outer)?);
+        let outside = |shape: &Shape| {
+            let points = shape.points();
+            let mut points = points.iter();
+            points.any(|point| !polygon::holds(&fence, *point, 0.0))
+        };
+        if let Some(line) = shapes.iter().position(outside) {
+            eprintln!(
+                "note: the boundary {name:?} does not become the fence, because line {} leaves it: the mission has no \
+                 fence",
+                line + 1
+            );
+            return self.unfenced(shapes);
+        }
+        eprintln!("note: the boundary {name:?} is the fence; --no-fence leaves it out");
+        let edge = Edge {
+            fence,
+            obstacles: told(obstacles(&area.holes)?),
+        };
+        edge.covers(&area.holes)?;
+        Ok(edge)
+    }
+
+    /// The obstacles near lines, and the holes of all boundaries there.
+    fn unfenced(&self, shapes: &[Shape]) -> Result<Edge, String> {
+        let areas = field::areas(self.drawing, &self.frame);
+        let holes = areas.into_iter().flat_map(|(_, area)| area.holes);
+        let mut rings = field::obstacles(self.drawing, &self.frame);
+        for hole in holes {
+            if !rings.contains(&hole) {
+                rings.push(hole);
+            }
+        }
+        let lines: Vec<Vec<Local>> = shapes.iter().map(Shape::points).collect();
+        let all = rings.len();
+        rings.retain(|ring| lines.iter().any(|line| is_beside(line, ring)));
+        if rings.len() < all {
+            eprintln!(
+                "note: {} of {all} obstacles are more than {BESIDE} m away from the lines and are left out",
+                all - rings.len()
+            );
+        }
+        let edge = Edge {
+            fence: Vec::new(),
+            obstacles: told(obstacles(&rings)?),
+        };
+        edge.covers(&rings)?;
+        Ok(edge)
     }
 
     /// The leg along a line or curve of the drawing.
@@ -464,49 +559,6 @@ fn alternate(shapes: &mut [Shape]) -> usize {
     turned
 }
 
-/// The boundary as the fence of lines, if they lie in it. Its obstacles stay in any case, and without a fence those beside it, too: a
-/// line through one is refused.
-fn enclosing(
-    name: &str,
-    area: &Area,
-    around: Vec<Vec<Local>>,
-    shapes: &[Shape],
-    without: bool,
-) -> Result<Edge, String> {
-    let unfenced = || {
-        let beside = around
-            .iter()
-            .filter(|ring| !field::touch(&area.outer, ring));
-        let rings: Vec<Vec<Local>> = area.holes.iter().chain(beside).cloned().collect();
-        Ok(Edge {
-            fence: Vec::new(),
-            obstacles: told(obstacles(&rings)?),
-        })
-    };
-    if without {
-        return unfenced();
-    }
-    let fence = told(fence_of(&area.outer)?);
-    let outside = |shape: &Shape| {
-        let points = shape.points();
-        let mut points = points.iter();
-        points.any(|point| !polygon::holds(&fence, *point, 0.0))
-    };
-    if let Some(line) = shapes.iter().position(outside) {
-        eprintln!(
-            "note: the boundary {name:?} does not become the fence, because line {} leaves it: the mission has no \
-             fence",
-            line + 1
-        );
-        return unfenced();
-    }
-    eprintln!("note: the boundary {name:?} is the fence; --no-fence leaves it out");
-    Ok(Edge {
-        fence,
-        obstacles: told(obstacles(&area.holes)?),
-    })
-}
-
 /// What was made, with the notes about it on the screen.
 fn told<T>((made, notes): (T, Vec<String>)) -> T {
     for note in notes {
@@ -523,6 +575,30 @@ const MOST_MOVED: &str = "moved by up to 10 m";
 struct Edge {
     fence: Vec<Local>,
     obstacles: Vec<Vec<Local>>,
+}
+
+impl Edge {
+    /// Refuses a mission whose fence leaves a part of a hole open that no obstacle covers.
+    fn covers(&self, holes: &[Vec<Local>]) -> Result<(), String> {
+        let open = field::left_open(holes, &self.fence, &self.obstacles);
+        match open <= ROUNDING {
+            true => Ok(()),
+            false => Err(format!(
+                "{open:.2} m2 of its obstacles would be lost: draw them as simple shapes that do not touch each other"
+            )),
+        }
+    }
+}
+
+/// True for a ring that comes within [`BESIDE`] of a line.
+fn is_beside(line: &[Local], ring: &[Local]) -> bool {
+    let near = |at: &Local| polygon::holds(ring, *at, BESIDE);
+    let mut pieces = line.windows(2);
+    line.iter().any(near)
+        || pieces.any(|piece| {
+            let mut corners = ring.iter();
+            corners.any(|at| polygon::distance_to_piece(*at, piece[0], piece[1]) <= BESIDE)
+        })
 }
 
 /// The fence in a boundary, and a note if it was changed.

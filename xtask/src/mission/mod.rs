@@ -902,6 +902,63 @@ mod tests {
         );
     }
 
+    /// Two fields side by side, with a pond in the second and a line in each.
+    #[test]
+    fn a_field_of_several_is_driven_with_its_own_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let frame = Frame::new(Origin {
+            place: Geodetic {
+                latitude: 40.83,
+                longitude: -96.66,
+            },
+            height: 0.0,
+        });
+        let places = |corners: &[Local]| {
+            let places = corners.iter().map(|at| frame.geodetic(*at));
+            places
+                .map(|at| json!([at.longitude, at.latitude]))
+                .collect::<Vec<_>>()
+        };
+        let closed = |ring: Vec<Local>| places(&[&ring[..], &ring[..1]].concat());
+        let aside = |ring: Vec<Local>, east: f64| -> Vec<Local> {
+            ring.into_iter()
+                .map(|at| Local::new(at.north, at.east + east))
+                .collect()
+        };
+        let feature = |name: &str, kind: &str, coordinates: serde_json::Value| {
+            json!({ "type": "Feature", "properties": { "name": name },
+                    "geometry": { "type": kind, "coordinates": coordinates } })
+        };
+        let line = |east: f64| json!(places(&[-50.0, 50.0].map(|north| Local::new(north, east))));
+        let rings = json!([
+            closed(aside(square(0.0, 60.0), 200.0)),
+            closed(aside(square(0.0, 10.0), 200.0))
+        ]);
+        let features = [
+            feature("a", "Polygon", json!([closed(square(0.0, 60.0))])),
+            feature("b", "Polygon", rings),
+            feature("line of a", "LineString", line(0.0)),
+            feature("line of b", "LineString", line(230.0)),
+        ];
+        let drawn = json!({ "type": "FeatureCollection", "features": features });
+        let file = folder.path().join("fields.geojson");
+        fs::write(&file, drawn.to_string()).unwrap();
+        let lines = |words: &str| {
+            let file = file.display();
+            made(
+                folder.path(),
+                &format!("--from {file} --lines --origin 40.83,-96.66 {words}"),
+            )
+        };
+        let counts = |plan: &Plan| (plan.legs.len(), plan.fence.len(), plan.obstacles.len());
+        let b = lines("--field b").unwrap();
+        assert_eq!(counts(&b), (1, 4, 1));
+        assert!((b.legs[0].shape.points()[0].east - 230.0).abs() < 0.01);
+        assert_eq!(counts(&lines("--field a").unwrap()), (1, 4, 0));
+        // Both lines, and no fence round both: the pond stays.
+        assert_eq!(counts(&lines("--width 3").unwrap()), (2, 0, 1));
+    }
+
     #[test]
     fn a_boundary_of_many_corners_becomes_a_fence_of_few() {
         let folder = tempfile::tempdir().unwrap();

@@ -17,7 +17,7 @@ use std::fmt;
 
 use geo::bool_ops::FillRule;
 use geo::buffer::{BufferStyle, LineJoin};
-use geo::{Area as _, BooleanOps as _, Buffer as _, Intersects as _, MultiPolygon, Polygon};
+use geo::{Area as _, BooleanOps as _, Intersects as _, MultiPolygon, Orient as _, Polygon};
 
 use crate::place::{Frame, Local, Origin};
 use crate::plan::{End, Join, Leg, Outputs, Plan, Shape};
@@ -28,6 +28,8 @@ use crate::read;
 pub const MOST_SWATHS: usize = crate::plan::MOST_LEGS;
 /// Angle of a piece of an arc round a corner, rad: at 10 m it is 1 cm inside the arc.
 const ARC: f64 = 0.1;
+/// Corners nearer to each other than this are one, m.
+const SAME: f64 = 1e-3;
 /// Least area that counts as a part of the inner area, m2.
 const LEAST_PART: f64 = 1.0;
 
@@ -59,6 +61,18 @@ impl Area {
         Polygon::new(polygon::ring(&self.outer), holes)
     }
 
+    /// What is inside the edge and in no hole, though the holes may overlap, cross the edge, and have either direction. What the edge goes
+    /// round the other way, or twice, counts as inside.
+    fn free(&self) -> MultiPolygon {
+        let holes: Vec<Polygon> = self
+            .holes
+            .iter()
+            .flat_map(|hole| simple(hole))
+            .map(|hole| polygon_of(&hole).orient(geo::orient::Direction::Default))
+            .collect();
+        whole(&self.outer).difference(&geo::unary_union(&holes))
+    }
+
     fn from_polygon(shape: &Polygon) -> Self {
         let holes = shape.interiors().iter().map(polygon::corners).collect();
         Self {
@@ -67,10 +81,10 @@ impl Area {
         }
     }
 
-    /// Its size, m2.
+    /// Its size without its holes, m2.
     #[must_use]
     pub fn size(&self) -> f64 {
-        self.polygon().unsigned_area()
+        self.free().unsigned_area()
     }
 
     /// All rings, the edge first.
@@ -79,9 +93,10 @@ impl Area {
     }
 }
 
-/// The fields of a drawing with their names: its boundaries, with the obstacles that reach into each as holes.
+/// The fields of a drawing with their names: its boundaries, with their holes and the obstacles that reach into each. Each hole is a simple ring.
 #[must_use]
 pub fn areas(drawing: &read::Drawing, frame: &Frame) -> Vec<(String, Area)> {
+    let obstacles = obstacles(drawing, frame);
     let boundaries = drawing.shapes.iter();
     let boundaries = boundaries.filter(|named| named.role == read::Role::Boundary);
     let mut areas = Vec::new();
@@ -89,27 +104,64 @@ pub fn areas(drawing: &read::Drawing, frame: &Frame) -> Vec<(String, Area)> {
         let Some(mut area) = Area::of(&named.shape, frame) else {
             continue;
         };
-        let obstacles = obstacles(drawing, named.field.as_deref(), frame);
-        let within: Vec<_> = obstacles
-            .into_iter()
-            .filter(|ring| touch(&area.outer, ring))
-            .collect();
-        area.holes.extend(within);
+        let holes: Vec<_> = area.holes.iter().flat_map(|hole| simple(hole)).collect();
+        let within = obstacles.iter().filter(|ring| touch(&area.outer, ring));
+        area.holes = holes.into_iter().chain(within.cloned()).collect();
         areas.push((named.name.clone(), area));
     }
     areas
 }
 
-/// The obstacles of a partfield, or all of a drawing that has none.
+/// The obstacles of a drawing near the frame's origin, as simple rings.
 #[must_use]
-pub fn obstacles(drawing: &read::Drawing, field: Option<&str>, frame: &Frame) -> Vec<Vec<Local>> {
+pub fn obstacles(drawing: &read::Drawing, frame: &Frame) -> Vec<Vec<Local>> {
     let shapes = drawing.shapes.iter();
-    let obstacles = shapes.filter(|named| {
-        named.role == read::Role::Obstacle && (field.is_none() || named.field.as_deref() == field)
-    });
+    let obstacles = shapes.filter(|named| named.role == read::Role::Obstacle);
     obstacles
-        .filter_map(|named| Area::of(&named.shape, frame).map(|area| area.outer))
+        .filter(|named| is_near(&named.shape, frame))
+        .filter_map(|named| Area::of(&named.shape, frame))
+        .flat_map(|area| simple(&area.outer))
         .collect()
+}
+
+/// Rings that together enclose what a ring does, each without a crossing, and each all of one direction: where rings of both
+/// directions are joined, those of the other one vanish. What a ring encloses twice counts as enclosed.
+fn simple(ring: &[Local]) -> Vec<Vec<Local>> {
+    let parts: Vec<Vec<Local>> = whole(ring)
+        .iter()
+        .map(|part| apart(polygon::corners(part.exterior())))
+        .filter(|corners| corners.len() >= 3)
+        .collect();
+    match parts.is_empty() {
+        // Without an area: a pole, or a wall without a width.
+        true => vec![ring.to_vec()],
+        false => parts,
+    }
+}
+
+/// A ring without corners that are the same one in single precision, with which vehicles compute.
+fn apart(mut corners: Vec<Local>) -> Vec<Local> {
+    let same = |one: &Local, other: &Local| one.distance(*other) < SAME;
+    corners.dedup_by(|next, last| same(next, last));
+    while corners.len() > 1 && same(&corners[0], &corners[corners.len() - 1]) {
+        corners.pop();
+    }
+    corners
+}
+
+/// False for a shape so far away that the frame's plane has it elsewhere.
+fn is_near(shape: &read::Shape, frame: &Frame) -> bool {
+    let place = match shape {
+        read::Shape::Polygon { outer, .. } => outer.first(),
+        read::Shape::Curve(places) => places.first(),
+        read::Shape::Line { from, .. } => Some(from),
+    };
+    place.is_some_and(|place| {
+        let back = frame.geodetic(frame.local(*place));
+        // At 50 km, the plane has a place a decimetre nearer.
+        (back.latitude - place.latitude).abs() < 1e-4
+            && (back.longitude - place.longitude).sin().abs() < 1e-4
+    })
 }
 
 /// True if two rings have a place in common.
@@ -118,8 +170,45 @@ pub fn touch(one: &[Local], other: &[Local]) -> bool {
     polygon_of(one).intersects(&polygon_of(other))
 }
 
+/// True if a line has a place inside a ring.
+#[must_use]
+pub fn reaches(ring: &[Local], line: &[Local]) -> bool {
+    let line: geo::LineString = line.iter().copied().map(polygon::coord).collect();
+    polygon_of(ring).intersects(&line)
+}
+
+/// The area that two rings have in common, m2.
+#[must_use]
+pub fn shared(one: &[Local], other: &[Local]) -> f64 {
+    whole(one).intersection(&whole(other)).unsigned_area()
+}
+
+/// The area of holes that is neither in an obstacle nor outside the fence, m2: a vehicle could be driven there. No fence encloses
+/// everything.
+#[must_use]
+pub fn left_open(holes: &[Vec<Local>], fence: &[Local], obstacles: &[Vec<Local>]) -> f64 {
+    let holes = holes.iter().flat_map(|hole| simple(hole));
+    let open = holes.map(|hole| {
+        let mut rest = MultiPolygon::new(vec![polygon_of(&hole)]);
+        if !fence.is_empty() {
+            rest = rest.intersection(&polygon_of(fence));
+        }
+        for obstacle in obstacles {
+            rest = rest.difference(&polygon_of(obstacle));
+        }
+        rest.unsigned_area()
+    });
+    open.sum()
+}
+
 fn polygon_of(ring: &[Local]) -> Polygon {
     Polygon::new(polygon::ring(ring), Vec::new())
+}
+
+/// All that a ring goes round, in whatever direction.
+fn whole(ring: &[Local]) -> MultiPolygon {
+    let empty = MultiPolygon::new(Vec::new());
+    polygon_of(ring).union_with_fill_rule(&empty, FillRule::NonZero)
 }
 
 /// The piece of a line that lies inside a field, `margin` metres or more from its edge and its holes, and is nearest to where the line
@@ -132,10 +221,9 @@ pub fn inside(area: &Area, margin: f64, from: Local, to: Local) -> Option<(Local
         .into_iter()
         .map(polygon::coord)
         .collect();
-    let area = area.polygon();
     let room = match margin > 0.0 {
-        true => inset(&area, margin),
-        false => MultiPolygon::new(vec![area]),
+        true => inset(&area.free(), margin),
+        false => area.free(),
     };
     let cut = room.clip(&geo::MultiLineString::new(vec![line]), false);
     let ends = cut.iter().filter_map(|piece| {
@@ -443,7 +531,8 @@ fn check(area: &Area, options: &Options) -> Result<(), FieldError> {
         });
     }
     let far = crate::place::FARTHEST;
-    let mut corners = area.rings().flatten();
+    // An obstacle may reach farther than the field.
+    let mut corners = area.outer.iter();
     if !corners.all(|corner| corner.north.abs() <= far && corner.east.abs() <= far) {
         return Err(FieldError::Coordinate);
     }
@@ -463,17 +552,12 @@ fn check(area: &Area, options: &Options) -> Result<(), FieldError> {
     }
 }
 
-/// The field without crossings, and the area that was lost by that, m2. Of several parts it is the largest one.
+/// The field without crossings, and the area that was lost by that or is doubtful, m2. Of several parts it is the largest one.
 fn repaired(area: &Area) -> Result<(Area, f64), FieldError> {
-    let edge = Polygon::new(polygon::ring(&area.outer), Vec::new());
-    let holes: Vec<Polygon> = area
-        .holes
-        .iter()
-        .map(|hole| Polygon::new(polygon::ring(hole), Vec::new()))
-        .collect();
-    // A part that its edge goes round the other way counts as well.
-    let edge = edge.union_with_fill_rule(&MultiPolygon::new(Vec::new()), FillRule::NonZero);
-    let all = edge.difference(&geo::unary_union(&holes));
+    // What the edge goes round twice may be a hole whose ring was joined to it: nobody can tell.
+    let once = polygon_of(&area.outer).union(&MultiPolygon::new(Vec::new()));
+    let doubtful = whole(&area.outer).unsigned_area() - once.unsigned_area();
+    let all = area.free();
     let size = |part: &Polygon| part.unsigned_area();
     let total = all.unsigned_area();
     let largest = all
@@ -482,12 +566,12 @@ fn repaired(area: &Area) -> Result<(Area, f64), FieldError> {
     let largest = largest
         .filter(|part| size(part) >= LEAST_PART)
         .ok_or(FieldError::Empty)?;
-    let lost = (total - size(&largest)).max(0.0);
+    let lost = (total - size(&largest)).max(0.0) + doubtful.max(0.0);
     Ok((Area::from_polygon(&largest), lost))
 }
 
 /// The area less a margin along its edges, m.
-fn inset(area: &Polygon, distance: f64) -> MultiPolygon {
+fn inset(area: &impl geo::Buffer<Scalar = f64>, distance: f64) -> MultiPolygon {
     let style = BufferStyle::new(-distance).line_join(LineJoin::Round(ARC));
     area.buffer_with_style(style)
 }

@@ -49,12 +49,35 @@ pub fn read(text: &str) -> Result<Drawing, ReadError> {
     drawing.finish()
 }
 
-/// The coordinate system that a file of before RFC 7946 names, if it is not WGS 84.
-fn foreign_system(value: &Value) -> Option<&str> {
-    let crs = value.get("crs")?;
-    let name = crs.pointer("/properties/name")?.as_str()?;
-    let known = name.ends_with("CRS84") || name.ends_with(":4326");
-    (!known).then_some(name)
+/// The coordinate system that a file of before RFC 7946 names for itself, a feature or a geometry, if it is not WGS 84.
+fn foreign_system(value: &Value) -> Option<String> {
+    match value {
+        Value::Object(members) => members.iter().find_map(|(key, member)| match key.as_str() {
+            "crs" => named_system(member),
+            // A user's own, and numbers.
+            "properties" | "coordinates" => None,
+            _ => foreign_system(member),
+        }),
+        Value::Array(members) => members.iter().find_map(foreign_system),
+        _ => None,
+    }
+}
+
+fn named_system(crs: &Value) -> Option<String> {
+    let properties = crs.get("properties");
+    let property = |name| properties.and_then(|properties| properties.get(name));
+    let name = match crs {
+        Value::Null => return None,
+        Value::String(name) => name.clone(),
+        _ => match (property("name"), property("code")) {
+            (Some(Value::String(name)), _) => name.clone(),
+            (_, Some(code)) => format!("EPSG:{}", code.to_string().trim_matches('"')),
+            _ => return Some("a coordinate system that it does not name".into()),
+        },
+    };
+    let name = name.trim();
+    let known = ["CRS84", ":4326", "WGS84", "WGS 84"];
+    (!known.iter().any(|known| name.ends_with(known))).then(|| name.to_owned())
 }
 
 /// What a feature says of its geometry.
@@ -71,7 +94,7 @@ impl About {
         Self {
             name: feature_name(feature),
             obstacle: is_obstacle(feature),
-            width: property(feature, "width").and_then(Value::as_f64),
+            width: width(feature),
         }
     }
 
@@ -83,27 +106,52 @@ impl About {
     }
 }
 
-/// A property by its name in any case.
-fn property<'a>(feature: &'a Value, known: &str) -> Option<&'a Value> {
-    let mut properties = feature.get("properties")?.as_object()?.iter();
-    let (_, value) = properties.find(|(key, _)| key.eq_ignore_ascii_case(known))?;
-    Some(value)
+/// The properties with a name in any case.
+fn properties<'a>(feature: &'a Value, known: &str) -> impl Iterator<Item = &'a Value> {
+    let properties = feature.get("properties").and_then(Value::as_object);
+    let properties = properties.into_iter().flatten();
+    properties
+        .filter_map(move |(key, value)| key.trim().eq_ignore_ascii_case(known).then_some(value))
 }
 
+/// True for what says that a feature is an obstacle, and for what says something else than that it is none.
 fn is_obstacle(feature: &Value) -> bool {
-    let yes = match property(feature, "obstacle") {
-        Some(Value::Bool(yes)) => *yes,
-        Some(Value::Number(number)) => number.as_f64() == Some(1.0),
-        Some(Value::String(text)) => ["yes", "true", "1"]
+    let is = |value: &Value| match value {
+        Value::Null => false,
+        Value::Bool(yes) => *yes,
+        Value::Number(number) => number.as_f64() != Some(0.0),
+        Value::String(text) => {
+            let no = ["", "no", "none", "false", "0", "n"];
+            !no.iter().any(|no| text.trim().eq_ignore_ascii_case(no))
+        }
+        Value::Array(_) | Value::Object(_) => true,
+    };
+    let named = |value: &Value| {
+        let words = value.as_str().unwrap_or_default().trim();
+        ["obstacle", "obstacles"]
             .iter()
-            .any(|yes| text.eq_ignore_ascii_case(yes)),
-        _ => false,
+            .any(|known| words.eq_ignore_ascii_case(known))
     };
     let kinds = ["type", "kind", "role", "class"];
-    let mut kinds = kinds
-        .iter()
-        .filter_map(|known| property(feature, known)?.as_str());
-    yes || kinds.any(|kind| kind.eq_ignore_ascii_case("obstacle"))
+    properties(feature, "obstacle")
+        .chain(feature.get("obstacle"))
+        .any(is)
+        || kinds
+            .iter()
+            .any(|known| properties(feature, known).any(named))
+}
+
+/// The width of an obstacle, m; NaN for what is no width.
+fn width(feature: &Value) -> Option<f64> {
+    let width = properties(feature, "width").next()?;
+    match width {
+        Value::Null => None,
+        Value::String(text) => {
+            let number = text.trim().trim_end_matches('m').trim_end();
+            Some(number.parse().unwrap_or(f64::NAN))
+        }
+        _ => Some(width.as_f64().unwrap_or(f64::NAN)),
+    }
 }
 
 fn read_feature(drawing: &mut Drawing, feature: &Value) {
@@ -123,15 +171,21 @@ fn feature_name(feature: &Value) -> Option<String> {
         Value::Number(number) => Some(number.to_string()),
         _ => None,
     };
-    let named = ["name", "title", "label", "designator"]
-        .iter()
-        .find_map(|known| words(property(feature, known)?).filter(|name| !name.trim().is_empty()));
+    let known = ["name", "title", "label", "designator"].iter();
+    let mut values = known.flat_map(|known| properties(feature, known));
+    let named = values.find_map(|value| words(value).filter(|name| !name.trim().is_empty()));
     named.or_else(|| feature.get("id").and_then(words))
 }
 
 fn read_geometry(drawing: &mut Drawing, about: &About, geometry: &Value) {
     match serde_json::from_value::<Geometry>(geometry.clone()) {
-        Ok(geometry) => add(drawing, about, geometry.value),
+        Ok(geometry) => {
+            let before = drawing.shapes.len();
+            add(drawing, about, geometry.value);
+            if about.obstacle && drawing.shapes.len() == before {
+                drawing.damage("an obstacle has no place".into());
+            }
+        }
         Err(_) if about.obstacle => {
             drawing.damage("an obstacle has a geometry that is not one of RFC 7946".into());
         }

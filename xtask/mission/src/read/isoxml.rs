@@ -6,7 +6,7 @@
 //! | element | read |
 //! | --- | --- |
 //! | `PFD` partfield | its name `C` names its boundary; its size `D` is compared with what is read |
-//! | `PLN` polygon | type `A`: 1 boundary, or without one 9 main field, as boundary; 3 water, 4 building, 6 obstacle and 12 windbreak as obstacle; others as area. In a boundary each `LSG` of type 1 is an outer ring, of type 2 a hole. A hole may be in another polygon of the partfield than the ring round it (terminals of CNH). In an obstacle every `LSG` is a ring. Rings need not be closed |
+//! | `PLN` polygon | type `A`: 1 boundary, or without one 9 main field, as boundary; 3 water, 4 building, 6 obstacle and 12 windbreak as obstacle; others are left out. In a boundary each `LSG` of type 1 is an outer ring, of type 2 a hole. A hole may be in another polygon of the partfield than the ring round it (terminals of CNH). In an obstacle every `LSG` is a ring. Rings need not be closed |
 //! | `GGP`, `GPN` guidance | type `C`: 1 A-B from the first to the last point; 2 A+ from its point in the direction `G` (degrees) for [`DIRECTED`] metres; 3 curve. 4 pivot and 5 spiral are left out |
 //! | `LSG` line string | in a partfield type 3 tram line, 4 sampling route and 5 guidance as lines; 7 fence and 9 obstacle as obstacle of the width `C` (mm) or of [`BARRIER`]; 6 drainage and 8 flag are left out |
 //! | `PNT` point | `C` latitude, `D` longitude, degrees; in a partfield type 5 as obstacle, others are left out |
@@ -119,16 +119,23 @@ fn partfield(drawing: &mut Drawing, field: Node) {
         false => MAIN_FIELD,
     };
     let mut rings = Rings::default();
-    for polygon in polygons().filter(|polygon| kind(*polygon, "A") == edge) {
-        rings.read(drawing, polygon);
+    for polygon in polygons() {
+        match kind(polygon, "A") {
+            kind if kind == edge => rings.read(drawing, polygon),
+            MAIN_FIELD => rings.read_holes(drawing, polygon),
+            _ => {}
+        }
     }
     rings.boundaries(drawing, name);
     compare(drawing, field, before);
     for polygon in polygons() {
         match kind(polygon, "A") {
-            kind if kind == edge => {}
+            BOUNDARY | MAIN_FIELD => {}
             3 | 4 | 6 | 12 => obstacle(drawing, name, polygon),
-            _ => area(drawing, name, polygon),
+            kind => drawing.skip(
+                format!("an area of type {kind}, which is neither boundary nor obstacle"),
+                line(polygon),
+            ),
         }
     }
     for child in field.children() {
@@ -197,7 +204,7 @@ fn string(drawing: &mut Drawing, field: Option<&str>, string: Node) {
                 lost_obstacle(drawing, string);
                 return;
             };
-            let width = attribute(string, "C").and_then(|text| text.parse::<f64>().ok());
+            let width = attribute(string, "C").map(|text| text.parse::<f64>().unwrap_or(f64::NAN));
             drawing.add_barrier(name, &places, width.map(|width| width / 1000.0));
         }
         6 => drawing.skip("a drain, which is no line to drive along", line(string)),
@@ -275,6 +282,13 @@ struct Rings {
 }
 
 impl Rings {
+    /// The holes of a polygon whose outer ring is not the edge.
+    fn read_holes(&mut self, drawing: &mut Drawing, polygon: Node) {
+        for string in strings(polygon).filter(|string| kind(*string, "A") == 2) {
+            self.holes.extend(ring(drawing, string));
+        }
+    }
+
     fn read(&mut self, drawing: &mut Drawing, polygon: Node) {
         let before = self.outers.len() + self.holes.len();
         for string in strings(polygon) {
@@ -296,19 +310,26 @@ impl Rings {
         }
     }
 
-    /// Adds a boundary for each outer ring, with the holes in it. A hole beside them is an obstacle.
+    /// Adds a boundary for each outer ring, with all holes that reach into it. Others are obstacles.
     fn boundaries(self, drawing: &mut Drawing, name: Option<&str>) {
-        let Self { outers, mut holes } = self;
+        let Self { outers, holes } = self;
         let several = outers.len() > 1;
+        let mut used = vec![false; holes.len()];
         for (number, outer) in (1..).zip(outers) {
-            let (inside, others) = holes.into_iter().partition(|hole| encloses(&outer, hole));
-            holes = others;
+            let mut inside = Vec::new();
+            for (hole, used) in holes.iter().zip(&mut used) {
+                if touch(&outer, hole) {
+                    *used = true;
+                    inside.push(hole.clone());
+                }
+            }
             let part = name
                 .filter(|_| several)
                 .map(|name| format!("{name} {number}"));
             drawing.add_polygon(part.as_deref().or(name), Role::Boundary, outer, inside);
         }
-        for hole in holes {
+        let beside = holes.into_iter().zip(used).filter(|(_, used)| !used);
+        for (hole, _) in beside {
             drawing.add_polygon(name, Role::Obstacle, hole, Vec::new());
         }
     }
@@ -328,22 +349,14 @@ fn obstacle(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
     }
 }
 
-/// An area that is neither a boundary nor an obstacle.
-fn area(drawing: &mut Drawing, field: Option<&str>, polygon: Node) {
-    let name = attribute(polygon, "B").or(field);
-    for string in strings(polygon).filter(|string| kind(*string, "A") == 1) {
-        if let Some(corners) = places(drawing, string) {
-            drawing.add_polygon(name, Role::Other, corners, Vec::new());
-        }
-    }
-}
-
-/// True if a corner of a hole is inside a ring.
-fn encloses(outer: &[Geodetic], hole: &[Geodetic]) -> bool {
-    let outer = super::flat(outer);
-    let hole = super::flat(hole);
-    hole.iter()
-        .any(|corner| crate::polygon::holds(&outer, *corner, 0.0))
+/// True if two rings have a place in common.
+fn touch(one: &[Geodetic], other: &[Geodetic]) -> bool {
+    let Some(place) = one.first().copied() else {
+        return false;
+    };
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    let local = |ring: &[Geodetic]| -> Vec<_> { ring.iter().map(|at| frame.local(*at)).collect() };
+    crate::field::touch(&local(one), &local(other))
 }
 
 fn guidance(drawing: &mut Drawing, group: Option<&str>, pattern: Node) {

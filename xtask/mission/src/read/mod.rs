@@ -15,13 +15,14 @@ pub mod csv;
 pub mod geojson;
 pub mod isoxml;
 
+use std::collections::HashMap;
 use std::fmt;
 use std::path::Path;
 
 use geo::buffer::{BufferStyle, LineCap, LineJoin};
-use geo::{Buffer as _, LineString};
+use geo::{Buffer as _, LineString, Simplify as _};
 
-use crate::place::{Frame, Geodetic, Local, Origin};
+use crate::place::{FARTHEST, Frame, Geodetic, Local, Origin};
 use crate::polygon;
 
 /// Length of a line of which a file has the beginning and the direction only, m.
@@ -32,6 +33,9 @@ pub const BARRIER: f64 = 1.0;
 
 /// Widths of obstacles that are lines or points, m: less is taken for this, more refused.
 const WIDTHS: [f64; 2] = [0.1, 100.0];
+
+/// By how much a line may bend and count as straight, m.
+const STRAIGHT: f64 = 0.01;
 
 /// Most characters of an error before it is cut.
 const LONGEST_SENTENCE: usize = 600;
@@ -52,7 +56,7 @@ pub struct Drawing {
     /// Why it cannot be used at all.
     damage: Option<String>,
     /// The names of its partfields so far.
-    fields: Vec<String>,
+    names: Names,
     /// The partfield that is being read.
     field: Option<String>,
 }
@@ -203,11 +207,10 @@ impl Drawing {
     /// Begins a partfield, to which all shapes belong until it ends. Returns its name, which no other partfield has.
     fn begin_field(&mut self, name: Option<&str>) -> String {
         let name = name.map_or_else(
-            || format!("partfield {}", self.fields.len() + 1),
+            || format!("partfield {}", self.names.0.len() + 1),
             str::to_owned,
         );
-        let name = unique(&self.fields, name);
-        self.fields.push(name.clone());
+        let name = self.names.unique(name);
         self.field = Some(name.clone());
         name
     }
@@ -219,14 +222,18 @@ impl Drawing {
     /// An obstacle along a line or at a point, `width` metres wide, or [`BARRIER`] if that is not known.
     fn add_barrier(&mut self, name: Option<&str>, places: &[Geodetic], width: Option<f64>) {
         let Some(first) = places.first().copied() else {
-            self.skip("an obstacle without a place", None);
+            self.damage("an obstacle has no place".into());
             return;
         };
-        let known = width.filter(|width| width.is_finite() && *width > 0.0);
+        let known = width.filter(|width| *width != 0.0);
         let [least, most] = WIDTHS;
-        if let Some(width) = known.filter(|width| *width > most) {
+        if let Some(width) = known.filter(|width| !(0.0..=most).contains(width)) {
+            let width = match width.is_nan() {
+                true => "has a width that is no number of metres".to_owned(),
+                false => format!("is {width} m wide"),
+            };
             self.damage(format!(
-                "an obstacle is {width} m wide, and up to {most} m are accepted"
+                "an obstacle {width}: more than 0 m and up to {most} m are accepted"
             ));
             return;
         }
@@ -240,14 +247,19 @@ impl Drawing {
             place: first,
             height: 0.0,
         });
+        let line: Vec<Local> = places.iter().map(|place| frame.local(*place)).collect();
+        let far = |at: &Local| at.distance(Local::default()) > FARTHEST;
+        let pairs = places.windows(2);
+        let turned = |pair: &[Geodetic]| (pair[0].longitude - pair[1].longitude).abs() > 1.0;
+        if line.iter().any(far) || pairs.clone().any(turned) {
+            self.damage(format!(
+                "an obstacle reaches farther than {} km: several shorter ones are accepted",
+                FARTHEST / 1000.0
+            ));
+            return;
+        }
         let half = 0.5 * known.map_or(BARRIER, |width| width.max(least));
-        for band in bands(
-            &places
-                .iter()
-                .map(|place| frame.local(*place))
-                .collect::<Vec<_>>(),
-            half,
-        ) {
+        for band in bands(&line, half) {
             let outer = band.iter().map(|corner| frame.geodetic(*corner)).collect();
             let holes = Vec::new();
             self.add(name, Role::Obstacle, Shape::Polygon { outer, holes });
@@ -273,7 +285,7 @@ impl Drawing {
         }
     }
 
-    /// An area; without three different corners it is skipped, and so are its holes. An obstacle or a hole of fewer corners is
+    /// An area; without three different corners it is skipped, and its holes are obstacles. An obstacle or a hole of fewer corners is
     /// kept as a point or a line.
     fn add_polygon(
         &mut self,
@@ -290,6 +302,9 @@ impl Drawing {
             }
             Err(_) => {
                 self.skip("an area of fewer than three corners", None);
+                for hole in holes {
+                    self.add_polygon(name, Role::Obstacle, hole, Vec::new());
+                }
                 return;
             }
         };
@@ -310,11 +325,17 @@ impl Drawing {
     /// Makes boundaries that lie inside a larger one obstacles of the smallest such one: for formats in which an area has no holes.
     /// What lies inside such an obstacle stays a boundary.
     fn nest(&mut self) {
+        // All in one plane, and none beside another one because the earth is round.
+        let first = self.shapes.iter().find_map(|named| match &named.shape {
+            Shape::Polygon { outer, .. } => outer.first(),
+            _ => None,
+        });
+        let from = first.map_or(0.0, |place| place.longitude);
         let rings: Vec<Option<Vec<Local>>> = self
             .shapes
             .iter()
             .map(|named| match &named.shape {
-                Shape::Polygon { outer, .. } => Some(flat(outer)),
+                Shape::Polygon { outer, .. } => Some(flat(outer, from)),
                 _ => None,
             })
             .collect();
@@ -378,11 +399,13 @@ impl Drawing {
         if let Some(why) = self.damage {
             return Err(ReadError::new(why));
         }
-        let mut names = Vec::new();
+        // A boundary has the name of its own partfield, and of no other one.
+        let mut names = std::mem::take(&mut self.names);
         let boundaries = self.shapes.iter_mut();
         for named in boundaries.filter(|named| named.role == Role::Boundary) {
-            named.name = unique(&names, std::mem::take(&mut named.name));
-            names.push(named.name.clone());
+            if named.field.as_ref() != Some(&named.name) {
+                named.name = names.unique(std::mem::take(&mut named.name));
+            }
         }
         if !self.shapes.is_empty() {
             return Ok(self);
@@ -399,11 +422,15 @@ impl Drawing {
     }
 }
 
-/// Corners as a plane figure in degrees: that stretches it, which changes no inside.
-fn flat(corners: &[Geodetic]) -> Vec<Local> {
+/// Corners as a plane figure in degrees, longitudes from that of a place near by: that stretches it, which changes no inside.
+fn flat(corners: &[Geodetic], from: f64) -> Vec<Local> {
+    let east = |longitude: f64| {
+        let turns = ((longitude - from) / 360.0).round();
+        longitude - from - 360.0 * turns
+    };
     let corners = corners.iter();
     corners
-        .map(|place| Local::new(place.latitude, place.longitude))
+        .map(|place| Local::new(place.latitude, east(place.longitude)))
         .collect()
 }
 
@@ -434,15 +461,26 @@ fn ring(mut places: Vec<Geodetic>) -> Result<Vec<Geodetic>, Vec<Geodetic>> {
     Ok(places)
 }
 
-/// A name that none of the others is: itself, or with a number behind it.
-fn unique(others: &[String], name: String) -> String {
-    let mut number = 1;
-    let mut different = name.clone();
-    while others.contains(&different) {
-        number += 1;
-        different = format!("{name} ({number})");
+/// Names that were given, and how often each was wanted.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Names(HashMap<String, usize>);
+
+impl Names {
+    /// A name that was not given before: the wanted one, or with a number behind it.
+    fn unique(&mut self, name: String) -> String {
+        let mut number = self.0.get(&name).copied().unwrap_or(0);
+        let mut different = match number {
+            0 => name.clone(),
+            _ => format!("{name} ({})", number + 1),
+        };
+        while self.0.contains_key(&different) {
+            number += 1;
+            different = format!("{name} ({})", number + 1);
+        }
+        self.0.insert(name, number + 1);
+        self.0.entry(different.clone()).or_insert(1);
+        different
     }
-    different
 }
 
 /// Rings round a line or a point, `half` metres from it. A line that leads round a place has several: none of them encloses
@@ -460,7 +498,8 @@ fn bands(line: &[Local], half: f64) -> Vec<Vec<Local>> {
         [from, ..] if line.iter().all(|place| *place == from) => return vec![square(from)],
         _ => {}
     }
-    let style = BufferStyle::new(half)
+    // Where the line is nearly straight, corners lie on each other. Without them the band is not narrower.
+    let style = BufferStyle::new(half + STRAIGHT)
         .line_join(LineJoin::Miter(2.0))
         .line_cap(LineCap::Square);
     let string: LineString = line.iter().copied().map(polygon::coord).collect();
@@ -472,7 +511,7 @@ fn bands(line: &[Local], half: f64) -> Vec<Vec<Local>> {
     }
     parts
         .iter()
-        .map(|band| polygon::corners(band.exterior()))
+        .map(|band| polygon::corners(&band.exterior().simplify(STRAIGHT)))
         .collect()
 }
 

@@ -74,26 +74,30 @@ fn geometries_alone_and_in_a_collection() {
     assert_eq!(read(&feature).unwrap().shapes[0].name, "x");
 }
 
+const POLYGON: &str =
+    r#"{"type":"Polygon","coordinates":[[[7,51],[7.001,51],[7.001,51.001],[7,51]]]}"#;
+const LINE: &str = r#"{"type":"LineString","coordinates":[[7,51],[7,51.001]]}"#;
+const POINTS: &str = r#"{"type":"MultiPoint","coordinates":[[7,51],[7,51.001]]}"#;
+
+fn feature(properties: &str, geometry: &str) -> String {
+    format!(r#"{{"type":"Feature","properties":{{{properties}}},"geometry":{geometry}}}"#)
+}
+
+fn all(features: &[String]) -> Result<mission::read::Drawing, mission::read::ReadError> {
+    let features = features.join(",");
+    read(&format!(
+        r#"{{"type":"FeatureCollection","features":[{features}]}}"#
+    ))
+}
+
 #[test]
 fn features_can_be_obstacles() {
-    let feature = |properties: &str, geometry: &str| {
-        format!(r#"{{"type":"Feature","properties":{{{properties}}},"geometry":{geometry}}}"#)
-    };
-    let polygon = r#"{"type":"Polygon","coordinates":[[[7,51],[7.001,51],[7.001,51.001],[7,51]]]}"#;
-    let line = r#"{"type":"LineString","coordinates":[[7,51],[7,51.001]]}"#;
-    let point = r#"{"type":"MultiPoint","coordinates":[[7,51],[7,51.001]]}"#;
-    let all = |features: &[String]| {
-        let features = features.join(",");
-        read(&format!(
-            r#"{{"type":"FeatureCollection","features":[{features}]}}"#
-        ))
-    };
     let drawing = all(&[
-        feature(r#""name":"field","obstacle":false"#, polygon),
-        feature(r#""name":"pond","Obstacle":true"#, polygon),
-        feature(r#""name":"wall","kind":"obstacle","width":0.4"#, line),
-        feature(r#""name":"trees","type":"Obstacle""#, point),
-        feature(r#""name":"way","kind":"track""#, line),
+        feature(r#""name":"field","obstacle":false"#, POLYGON),
+        feature(r#""name":"pond","Obstacle":true"#, POLYGON),
+        feature(r#""name":"wall","kind":"obstacle","width":0.4"#, LINE),
+        feature(r#""name":"trees","type":"Obstacle""#, POINTS),
+        feature(r#""name":"way","kind":"track""#, LINE),
     ])
     .unwrap();
     assert_eq!(
@@ -110,21 +114,124 @@ fn features_can_be_obstacles() {
     // The points have no width.
     let note = r#"the obstacle "trees" is a point or a line without a width: it is made 1 m wide"#;
     assert_eq!(drawing.notes, [note, note]);
-    for (geometry, why) in [
-        ("null", "an obstacle has no geometry"),
+}
+
+#[test]
+fn what_is_not_said_to_be_no_obstacle_is_one() {
+    for (properties, is) in [
+        (r#""obstacle":"yes""#, true),
+        (r#""obstacle":"tree""#, true),
+        (r#""obstacle":2"#, true),
+        (r#""Obstacle":false,"obstacle":true"#, true),
+        (r#""kind":" Obstacles ""#, true),
+        (r#""obstacle":" no ""#, false),
+        (r#""obstacle":0"#, false),
+        (r#""obstacle":null"#, false),
+    ] {
+        let role = all(&[feature(properties, LINE)]).unwrap().shapes[0].role;
+        assert_eq!(role == Role::Obstacle, is, "{properties}");
+    }
+    let beside = format!(r#"{{"type":"Feature","obstacle":true,"geometry":{LINE}}}"#);
+    assert_eq!(all(&[beside]).unwrap().shapes[0].role, Role::Obstacle);
+}
+
+#[test]
+fn an_obstacle_that_cannot_be_placed_is_refused() {
+    let nothing = r#"{"type":"GeometryCollection","geometries":[]}"#;
+    for (properties, geometry, why) in [
+        ("", "null", "an obstacle has no geometry"),
+        ("", nothing, "an obstacle has no place"),
         (
+            "",
+            r#"{"type":"LineString","coordinates":[]}"#,
+            "an obstacle has no place",
+        ),
+        (
+            "",
             r#"{"type":"Circle"}"#,
             "an obstacle has a geometry that is not one of RFC 7946",
         ),
         (
+            "",
             r#"{"type":"Point","coordinates":[412000,5650000]}"#,
             "it has an obstacle whose coordinates",
         ),
+        (
+            r#","width":"wide""#,
+            LINE,
+            "an obstacle has a width that is no number of metres",
+        ),
+        (r#","width":-3"#, LINE, "an obstacle is -3 m wide"),
     ] {
-        let features = [feature("", polygon), feature(r#""obstacle":1"#, geometry)];
+        let features = [
+            feature("", POLYGON),
+            feature(&format!(r#""obstacle":1{properties}"#), geometry),
+        ];
         let refused = all(&features).unwrap_err().to_string();
         assert!(refused.starts_with(why), "{refused}");
     }
+    // The line is 5 m longer, as it leads north: 0.001 degrees and half the width at either end.
+    let wide = all(&[feature(r#""obstacle":true,"width":"5 m""#, LINE)]).unwrap();
+    let Shape::Polygon { outer, .. } = &wide.shapes[0].shape else {
+        panic!()
+    };
+    let latitudes = outer.iter().map(|corner| corner.latitude);
+    let north = latitudes.fold(0.0, f64::max);
+    assert!(((north - 51.001) * 111_240.0 - 2.5).abs() < 0.01, "{north}");
+}
+
+#[test]
+fn other_coordinate_systems_are_refused_wherever_they_are_named() {
+    let line = r#"{"type":"LineString","coordinates":[[7,51],[7,52]]}"#;
+    for (crs, why) in [
+        (r#"{"type":"EPSG","properties":{"code":4267}}"#, "EPSG:4267"),
+        (
+            r#"{"type":"link","properties":{"href":"x"}}"#,
+            "a coordinate system that it does not name",
+        ),
+        (r#""EPSG:25832""#, "EPSG:25832"),
+    ] {
+        let inside = line.replace("\"type\"", &format!("\"crs\":{crs},\"type\""));
+        for text in [
+            inside.clone(),
+            format!(
+                r#"{{"type":"FeatureCollection","crs":{crs},"features":[{{"type":"Feature","geometry":{line}}}]}}"#
+            ),
+            format!(r#"{{"type":"Feature","geometry":{inside}}}"#),
+        ] {
+            let refused = read(&text).unwrap_err().to_string();
+            assert!(
+                refused.starts_with(&format!("its coordinates are in {why}: ")),
+                "{refused}"
+            );
+        }
+    }
+    for crs in [
+        r#""EPSG:4326 ""#,
+        r#"{"properties":{"name":"WGS84"}}"#,
+        r#"{"properties":{"code":4326}}"#,
+        "null",
+    ] {
+        let text = line.replace("\"type\"", &format!("\"crs\":{crs},\"type\""));
+        assert!(read(&text).is_ok(), "{crs}");
+    }
+}
+
+#[test]
+fn thousands_of_equal_names_are_told_apart_at_once() {
+    let one = r#"{"type":"Feature","properties":{"name":"Acker"},"geometry":{"type":"Polygon","coordinates":[[[7,51],[7.001,51],[7.001,51.001],[7,51]]]}}"#;
+    let text = format!(
+        r#"{{"type":"FeatureCollection","features":[{}]}}"#,
+        vec![one; 20_000].join(",")
+    );
+    let drawing = read(&text).unwrap();
+    let names: std::collections::HashSet<&str> = drawing
+        .shapes
+        .iter()
+        .map(|named| named.name.as_str())
+        .collect();
+    assert_eq!(names.len(), 20_000);
+    assert_eq!(drawing.shapes[19_999].name, "Acker (20000)");
 }
 
 #[test]

@@ -252,6 +252,18 @@ fn lines_and_points_can_be_obstacles() {
     }
     let across = obstacles(&string("A=\"9\"", &[(100, 0), (100, 300)]));
     assert_eq!(across.len(), 1);
+    // A line that is nearly straight has no corners that are the same one for a vehicle.
+    let points = (0..30).map(|step| (100 + step % 2, 10 + 3 * step));
+    let [nearly] = &obstacles(&string("A=\"9\"", &points.collect::<Vec<_>>()))[..] else {
+        panic!()
+    };
+    let next = nearly.iter().cycle().skip(1);
+    assert!(
+        nearly
+            .iter()
+            .zip(next)
+            .all(|(one, other)| one.distance(*other) > 0.01)
+    );
 
     // Rings of too few corners are points and lines.
     let thin = format!(
@@ -280,13 +292,61 @@ fn an_obstacle_without_a_place_is_refused() {
         ),
         ("<PLN A=\"6\"/>".into(), "an obstacle has no ring"),
         (
+            string("A=\"9\" C=\"wide\"", &[(10, 10), (20, 20)]),
+            "an obstacle has a width that is no number of metres: more than 0 m",
+        ),
+        (string("A=\"9\"", &[]), "an obstacle has no place"),
+        (
+            string("A=\"9\"", &[(10, 10), (20_000, 20)]),
+            "an obstacle reaches farther than 10 km: several shorter ones are accepted",
+        ),
+        (
             string("A=\"9\" C=\"4e9\"", &[(10, 10), (20, 20)]),
-            "an obstacle is 4000000 m wide, and up to 100 m are accepted",
+            "an obstacle is 4000000 m wide: more than 0 m and up to 100 m are accepted",
         ),
     ] {
         let refused = read(&task_data(&partfield("Home", &obstacle))).unwrap_err();
         assert!(refused.to_string().contains(why), "{refused}");
     }
+}
+
+/// An island in a hole, a pond on the edge between two parts, and a hole of the main field.
+#[test]
+fn a_hole_is_one_of_each_boundary_that_it_reaches_into() {
+    let square = |kind: u32, from: u32, to: u32| {
+        string(
+            &format!("A=\"{kind}\""),
+            &[(from, from), (from, to), (to, to), (to, from)],
+        )
+    };
+    let polygon =
+        |kind: u32, rings: &[String]| format!("<PLN A=\"{kind}\">{}</PLN>", rings.concat());
+    let holes = |polygons: &[String]| {
+        let text = format!("<PFD A=\"PFD1\" C=\"Home\">{}</PFD>", polygons.concat());
+        let drawing = read(&task_data(&text)).unwrap();
+        let place = at(51.0, 7.0);
+        let frame = Frame::new(Origin { place, height: 0.0 });
+        let areas = mission::field::areas(&drawing, &frame);
+        let counts = areas
+            .iter()
+            .map(|(name, area)| (name.clone(), area.holes.len()));
+        counts.collect::<Vec<_>>()
+    };
+    let island = [
+        polygon(1, &[square(1, 0, 300), square(2, 80, 220)]),
+        polygon(1, &[square(1, 90, 210), square(2, 140, 160)]),
+    ];
+    assert_eq!(holes(&island)[1], ("Home 2".into(), 2));
+    let pond = string("A=\"2\"", &[(50, 180), (50, 220), (60, 220), (60, 180)]);
+    let east = string("A=\"1\"", &[(0, 200), (0, 400), (200, 400), (200, 200)]);
+    let parts = [polygon(1, &[square(1, 0, 200), east, pond])];
+    assert_eq!(holes(&parts), [("Home 1".into(), 1), ("Home 2".into(), 1)]);
+    let main = [
+        polygon(1, &[square(1, 0, 200)]),
+        polygon(9, &[square(1, 10, 190), square(2, 50, 70)]),
+    ];
+    assert_eq!(holes(&main), [("Home".into(), 1)]);
+    assert_eq!(holes(&main[1..]), [("Home".into(), 1)]);
 }
 
 #[test]
@@ -302,6 +362,27 @@ fn fields_have_names_and_lines_of_their_own() {
         fields,
         [("Home", "Home"), ("A-B", "Home"), ("Home (2)", "Home (2)")]
     );
+    // A part of a field is not called as another field is.
+    let second = string("A=\"1\"", &[(300, 0), (300, 200), (500, 200)]);
+    let parts = partfield("Home", &format!("<PLN A=\"1\">{second}</PLN>"));
+    let drawing = read(&task_data(&(parts + &partfield("Home 1", "")))).unwrap();
+    let names: Vec<&str> = drawing
+        .shapes
+        .iter()
+        .map(|named| named.name.as_str())
+        .collect();
+    assert_eq!(names, ["Home 1 (2)", "Home 2", "Home 1"]);
+}
+
+/// A terminal may keep what stands in a field apart from it.
+#[test]
+fn obstacles_of_one_partfield_stand_in_others() {
+    let pond = string("A=\"1\"", &[(90, 90), (90, 99), (99, 99)]);
+    let apart = format!("<PFD A=\"PFD2\" C=\"ponds\"><PLN A=\"3\">{pond}</PLN></PFD>");
+    let drawing = read(&task_data(&(partfield("Home", "") + &apart))).unwrap();
+    let place = at(51.0, 7.0);
+    let frame = Frame::new(Origin { place, height: 0.0 });
+    assert_eq!(mission::field::areas(&drawing, &frame)[0].1.holes.len(), 1);
 }
 
 /// Programs compute the size in different planes and count holes in or out; a corner that is missing makes more.
