@@ -851,7 +851,7 @@ pub struct NewMission {
     /// With --lines: make the points of curves even first, which have noise of this standard deviation, m
     #[arg(long, value_name = "M", value_parser = metres, requires = "lines")]
     pub noise: Option<f64>,
-    /// Field to divide, by its name in the file [default: the first one]
+    /// Field to divide, or whose lines are taken, by its name in the file [default: the first one]
     #[arg(long, value_name = "NAME", requires = "from")]
     pub field: Option<String>,
     /// Working width, m: the distance between swaths

@@ -30,6 +30,8 @@ pub const MOST_SWATHS: usize = crate::plan::MOST_LEGS;
 const ARC: f64 = 0.1;
 /// Corners nearer to each other than this are one, m.
 const SAME: f64 = 1e-3;
+/// Angle by which the way back from the frame's plane leads aside of a place that is still near, rad: that is 11 m, 97 km away.
+const ASIDE: f64 = 1.75e-6;
 /// Least area that counts as a part of the inner area, m2.
 const LEAST_PART: f64 = 1.0;
 
@@ -158,9 +160,8 @@ fn is_near(shape: &read::Shape, frame: &Frame) -> bool {
     };
     place.is_some_and(|place| {
         let back = frame.geodetic(frame.local(*place));
-        // At 50 km, the plane has a place a decimetre nearer.
-        (back.latitude - place.latitude).abs() < 1e-4
-            && (back.longitude - place.longitude).sin().abs() < 1e-4
+        let same = |one: f64, other: f64| (one - other).to_radians().sin().abs() < ASIDE;
+        same(back.latitude, place.latitude) && same(back.longitude, place.longitude)
     })
 }
 

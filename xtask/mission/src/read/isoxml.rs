@@ -295,6 +295,10 @@ impl Rings {
             let rings = match kind(string, "A") {
                 1 => &mut self.outers,
                 2 => &mut self.holes,
+                7 | 9 => {
+                    self::string(drawing, None, string);
+                    continue;
+                }
                 _ => {
                     drawing.skip(
                         "a line string of a boundary that is no ring of it",

@@ -85,8 +85,6 @@ pub enum Role {
     Obstacle,
     /// A line to drive along, or to lay others beside.
     Guidance,
-    /// Anything else.
-    Other,
 }
 
 /// A shape on the earth.

@@ -265,6 +265,10 @@ fn lines_and_points_can_be_obstacles() {
             .all(|(one, other)| one.distance(*other) > 0.01)
     );
 
+    // A ditch may stand in the polygon of the boundary.
+    let ditch = string("A=\"9\"", &[(100, 50), (100, 90)]);
+    assert_eq!(obstacles(&format!("<PLN A=\"1\">{ditch}</PLN>")).len(), 1);
+
     // Rings of too few corners are points and lines.
     let thin = format!(
         "<PLN A=\"6\">{}</PLN><PLN A=\"1\">{}</PLN>",
@@ -372,6 +376,49 @@ fn fields_have_names_and_lines_of_their_own() {
         .map(|named| named.name.as_str())
         .collect();
     assert_eq!(names, ["Home 1 (2)", "Home 2", "Home 1"]);
+}
+
+/// The frame's plane has a place at the other end of the earth where its origin is.
+#[test]
+fn obstacles_far_away_are_none_of_the_field() {
+    let field = |name: &str, south: f64, west: f64| {
+        let corner = |north: f64, east: f64| {
+            format!(
+                "<PNT A=\"2\" C=\"{:.5}\" D=\"{:.5}\"/>",
+                south + north,
+                west + east
+            )
+        };
+        let ring = |size: f64| {
+            [
+                corner(0.0, 0.0),
+                corner(0.0, size),
+                corner(size, size),
+                corner(size, 0.0),
+            ]
+            .concat()
+        };
+        format!(
+            "<PFD A=\"PFD1\" C=\"{name}\"><PLN A=\"1\"><LSG A=\"1\">{}</LSG></PLN><PLN A=\"6\"><LSG A=\"1\">{}</LSG></PLN></PFD>",
+            ring(0.002),
+            ring(0.001)
+        )
+    };
+    // The third ends at the date line, and the obstacle of the fourth begins at it.
+    let fields = [
+        field("here", 51.0, 7.0),
+        field("there", -51.002, -173.001),
+        field("west", 10.0, 179.998),
+        field("east", 10.0, -180.0),
+    ];
+    let drawing = read(&task_data(&fields.concat())).unwrap();
+    let holes = |latitude: f64, longitude: f64, index: usize| {
+        let place = at(latitude, longitude);
+        let frame = Frame::new(Origin { place, height: 0.0 });
+        mission::field::areas(&drawing, &frame)[index].1.holes.len()
+    };
+    assert_eq!(holes(51.0, 7.0, 0), 1);
+    assert_eq!(holes(10.0, 179.998, 2), 2);
 }
 
 /// A terminal may keep what stands in a field apart from it.
