@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use crate::curve::{Chain, Pose, wrapped};
+use crate::curve::{Chain, Pose, Segment, wrapped};
 use crate::plan::{End, Join, Plan};
 
 /// A line, an arc or a clothoid that is driven with one speed.
@@ -34,13 +34,17 @@ pub struct Piece {
     pub next: Join,
 }
 
+/// Longest straight piece, m: longer ones are divided. A vehicle takes pieces of up to 2000 m.
+pub const LONGEST: f64 = 1500.0;
+
 /// The pieces of a plan, whose legs have these curves ([`crate::curve::legs`]).
 #[must_use]
 pub fn pieces(plan: &Plan, chains: &[Chain]) -> Vec<Piece> {
     let mut pieces = Vec::new();
     for (index, (leg, chain)) in plan.legs.iter().zip(chains).enumerate() {
         let (turn, sign) = if leg.reverse { (PI, -1.0) } else { (0.0, 1.0) };
-        pieces.extend(chain.segments.iter().map(|segment| Piece {
+        let segments = chain.segments.iter().flat_map(divided);
+        pieces.extend(segments.map(|segment| Piece {
             leg: index,
             start: Pose {
                 heading: wrapped(segment.start.heading + turn),
@@ -64,6 +68,30 @@ pub fn pieces(plan: &Plan, chains: &[Chain]) -> Vec<Piece> {
         }
     }
     pieces
+}
+
+/// A straight segment in equal parts of at most [`LONGEST`], others whole.
+fn divided(segment: &Segment) -> Vec<Segment> {
+    let straight = segment.curvature == 0.0 && segment.sharpness == 0.0;
+    let count = match straight {
+        true => (segment.length / LONGEST).ceil().max(1.0),
+        false => 1.0,
+    };
+    let length = segment.length / count;
+    let part = |index: u32| {
+        let along = f64::from(index) * length;
+        let place = segment.start.place.towards(segment.start.heading, along);
+        let start = Pose {
+            place,
+            ..segment.start
+        };
+        Segment {
+            start,
+            length,
+            ..*segment
+        }
+    };
+    (0..count as u32).map(part).collect()
 }
 
 #[cfg(test)]
@@ -111,6 +139,29 @@ mod tests {
             pose.heading += curvature * way;
         }
         pose
+    }
+
+    /// Fields are longer than a vehicle's longest line.
+    #[test]
+    fn a_long_line_is_driven_in_parts() {
+        let line = |length: f64| Leg {
+            shape: Shape::Line {
+                from: Local::new(-0.6 * length, 3.0),
+                to: Local::new(0.4 * length, 3.0),
+            },
+            ..bend(false, Join::Turn)
+        };
+        let plan = plan(vec![line(4000.0), line(1500.0)], End::Stop);
+        let chains = legs(&plan, &Options::default()).unwrap();
+        let pieces = pieces(&plan, &chains);
+        let parts: Vec<_> = pieces.iter().map(|piece| (piece.leg, piece.next)).collect();
+        let (on, turn) = (Join::Continue, Join::Turn);
+        assert_eq!(parts, [(0, on), (0, on), (0, turn), (1, on)]);
+        for pair in pieces[..3].windows(2) {
+            let end = driven(&pair[0]).place;
+            assert!(end.distance(pair[1].start.place) < 1e-6);
+        }
+        assert!((driven(&pieces[2]).place.north - 1600.0).abs() < 1e-6);
     }
 
     #[test]
