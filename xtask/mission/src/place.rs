@@ -22,6 +22,8 @@ const ECCENTRICITY: f64 = 6.694_379_990_141_316e-3;
 
 /// Largest distance of a place from the origin in each direction, m. It is the range of waypoints in a vehicle's manifest.
 pub const FARTHEST: f64 = 10_000.0;
+/// Angle by which the way back from a plane leads aside of a place that is still near, rad: that is 11 m, 97 km away.
+const ASIDE: f64 = 1.75e-6;
 
 /// A place on the earth, WGS 84.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -165,6 +167,14 @@ impl Frame {
         let [cx, cy, cz] = self.centre;
         let from = [x - cx, y - cy, z - cz];
         Local::new(dot(from, self.north), dot(from, self.east))
+    }
+
+    /// False for a place so far away that the plane has it elsewhere, as one at the other end of the earth.
+    #[must_use]
+    pub fn is_near(&self, place: Geodetic) -> bool {
+        let back = self.geodetic(self.local(place));
+        let same = |one: f64, other: f64| (one - other).to_radians().sin().abs() < ASIDE;
+        same(back.latitude, place.latitude) && same(back.longitude, place.longitude)
     }
 
     /// The place of the earth, at the height of the origin, that has these local coordinates. For coordinates up to

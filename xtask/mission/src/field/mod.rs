@@ -30,8 +30,6 @@ pub const MOST_SWATHS: usize = crate::plan::MOST_LEGS;
 const ARC: f64 = 0.1;
 /// Corners nearer to each other than this are one, m.
 const SAME: f64 = 1e-3;
-/// Angle by which the way back from the frame's plane leads aside of a place that is still near, rad: that is 11 m, 97 km away.
-const ASIDE: f64 = 1.75e-6;
 /// Least area that counts as a part of the inner area, m2.
 const LEAST_PART: f64 = 1.0;
 
@@ -120,9 +118,15 @@ pub fn obstacles(drawing: &read::Drawing, frame: &Frame) -> Vec<Vec<Local>> {
     let shapes = drawing.shapes.iter();
     let obstacles = shapes.filter(|named| named.role == read::Role::Obstacle);
     obstacles
-        .filter(|named| is_near(&named.shape, frame))
-        .filter_map(|named| Area::of(&named.shape, frame))
-        .flat_map(|area| simple(&area.outer))
+        .filter_map(|named| match &named.shape {
+            read::Shape::Polygon { outer, .. } => Some(outer),
+            _ => None,
+        })
+        .filter(|outer| outer.first().is_some_and(|place| frame.is_near(*place)))
+        .flat_map(|outer| {
+            let corners: Vec<Local> = outer.iter().map(|place| frame.local(*place)).collect();
+            simple(&corners)
+        })
         .collect()
 }
 
@@ -149,20 +153,6 @@ fn apart(mut corners: Vec<Local>) -> Vec<Local> {
         corners.pop();
     }
     corners
-}
-
-/// False for a shape so far away that the frame's plane has it elsewhere.
-fn is_near(shape: &read::Shape, frame: &Frame) -> bool {
-    let place = match shape {
-        read::Shape::Polygon { outer, .. } => outer.first(),
-        read::Shape::Curve(places) => places.first(),
-        read::Shape::Line { from, .. } => Some(from),
-    };
-    place.is_some_and(|place| {
-        let back = frame.geodetic(frame.local(*place));
-        let same = |one: f64, other: f64| (one - other).to_radians().sin().abs() < ASIDE;
-        same(back.latitude, place.latitude) && same(back.longitude, place.longitude)
-    })
 }
 
 /// True if two rings have a place in common.

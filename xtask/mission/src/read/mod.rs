@@ -247,9 +247,7 @@ impl Drawing {
         });
         let line: Vec<Local> = places.iter().map(|place| frame.local(*place)).collect();
         let far = |at: &Local| at.distance(Local::default()) > FARTHEST;
-        let pairs = places.windows(2);
-        let turned = |pair: &[Geodetic]| (pair[0].longitude - pair[1].longitude).abs() > 1.0;
-        if line.iter().any(far) || pairs.clone().any(turned) {
+        if line.iter().any(far) || !places.iter().all(|place| frame.is_near(*place)) {
             self.damage(format!(
                 "an obstacle reaches farther than {} km: several shorter ones are accepted",
                 FARTHEST / 1000.0

@@ -138,6 +138,7 @@ fn what_is_not_said_to_be_no_obstacle_is_one() {
 #[test]
 fn an_obstacle_that_cannot_be_placed_is_refused() {
     let nothing = r#"{"type":"GeometryCollection","geometries":[]}"#;
+    let round = r#"{"type":"LineString","coordinates":[[7,51],[-173,-51]]}"#;
     for (properties, geometry, why) in [
         ("", "null", "an obstacle has no geometry"),
         ("", nothing, "an obstacle has no place"),
@@ -162,6 +163,7 @@ fn an_obstacle_that_cannot_be_placed_is_refused() {
             "an obstacle has a width that is no number of metres",
         ),
         (r#","width":-3"#, LINE, "an obstacle is -3 m wide"),
+        ("", round, "an obstacle reaches farther than 10 km"),
     ] {
         let features = [
             feature("", POLYGON),
@@ -170,6 +172,9 @@ fn an_obstacle_that_cannot_be_placed_is_refused() {
         let refused = all(&features).unwrap_err().to_string();
         assert!(refused.starts_with(why), "{refused}");
     }
+    // One across the date line is not far.
+    let across = r#"{"type":"LineString","coordinates":[[179.9995,10],[-179.9995,10]]}"#;
+    assert!(all(&[feature(r#""obstacle":true"#, across)]).is_ok());
     // The line is 5 m longer, as it leads north: 0.001 degrees and half the width at either end.
     let wide = all(&[feature(r#""obstacle":true,"width":"5 m""#, LINE)]).unwrap();
     let Shape::Polygon { outer, .. } = &wide.shapes[0].shape else {
